@@ -1,0 +1,100 @@
+"""The base of every model: frozen, checked parameters with units.
+
+A model is a frozen pydantic object whose fields are parameters in SI units. `quantity` declares a field with its unit
+and limits. A value may be written with another unit of the same dimension ("20 min", "36 km/h"); it is converted
+once, when the object is made. Unknown keys, NaN, infinities where none are allowed and booleans are refused.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from osl_env.errors import InputError
+
+FloatArray: TypeAlias = NDArray[np.float64]
+Vector: TypeAlias = tuple[float, float, float]  # x, y, z
+
+
+def quantity(default: Any, unit: str, *, infinite: bool = False, **limits: Any) -> Any:
+    """A pydantic field for a physical quantity in `unit`; `limits` are pydantic's (gt, ge, lt, le).
+
+    `default=...` makes it required; `infinite=True` allows an infinite value (no limit).
+    """
+    extra = {"unit": unit, "infinite": infinite}
+    return Field(default, json_schema_extra=extra, **limits)
+
+
+@functools.cache
+def _unit_registry() -> Any:
+    import pint  # slow to import, and needed only where a value is written with a unit
+
+    return pint.UnitRegistry()
+
+
+def _to_unit(text: str, unit: str) -> float:
+    """The number that `text` ("20 min", "1e3") means in `unit`."""
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return float(_unit_registry().Quantity(text).to(unit or "dimensionless").magnitude)
+    except Exception as error:
+        raise ValueError(f"must be a number or a quantity in {unit or 'no unit'} ({error})") from None
+
+
+def _checked(value: Any, unit: str, infinite: bool) -> Any:
+    if isinstance(value, list | tuple):
+        return [_checked(entry, unit, infinite) for entry in value]
+    if isinstance(value, bool):
+        raise ValueError(f"must be a number{f' in {unit}' if unit else ''}, not a truth value")
+    if isinstance(value, str):
+        value = _to_unit(value, unit)
+    if isinstance(value, float) and not math.isfinite(value) and not (infinite and value > 0):
+        raise ValueError("must be finite")
+    return value
+
+
+class Parameters(BaseModel):
+    """A model's parameters: frozen, no unknown keys, quantities with units (see `quantity`)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _convert_quantities(cls, values: Any) -> Any:
+        if not isinstance(values, dict):
+            return values
+        converted = dict(values)
+        for name, field in cls.model_fields.items():
+            extra = field.json_schema_extra
+            if name in converted and isinstance(extra, dict) and "unit" in extra:
+                try:
+                    converted[name] = _checked(converted[name], str(extra["unit"]), bool(extra["infinite"]))
+                except ValueError as error:
+                    raise ValueError(f"{name} = {values[name]!r}: {error}") from None
+        return converted
+
+
+def one_line(error: ValidationError, where: str | Path = "") -> InputError:
+    """The first problem of a pydantic ValidationError as an InputError: file, key's path, value and limit."""
+    first = error.errors()[0]
+    path = ".".join(str(part) for part in first["loc"])
+    message = first["msg"].removeprefix("Value error, ")
+    value = first.get("input")
+    if first["type"] == "extra_forbidden":
+        text = f"unknown key {path!r}"
+    elif first["type"] == "value_error":
+        text = f"{path}.{message}" if path and " = " in message.split(":")[0] else f"{path}: {message}" if path else message
+    elif first["type"] == "missing":
+        text = f"key {path!r} is missing"
+    else:
+        text = f"{path} = {value!r}: {message[0].lower()}{message[1:]}"
+    return InputError(f"{where}: {text}" if where else text)

@@ -1,0 +1,261 @@
+"""The kernels of a step: one loop over the worlds of a batch, composed of the models' functions for one UAV or team.
+
+A step is `fly_*` (declarations, legs or periods, clocks), the plume's reading, and `settle` (samples, radio, endings, rewards). They
+are compiled once for all scenarios; what a scenario does not use is skipped by branches that never change.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from osl_env.ending import end_flights
+from osl_env.parameters import FloatArray
+from osl_env.radio import charge_bytes, send_to_all
+from osl_env.reward import pay
+from osl_env.sensors import sample
+from osl_env.state import COMPUTING, HOVERING, RUNNING, BoolArray, IntArray, StateArray
+from osl_env.streams import Purpose, derive
+from osl_env.vehicles.legs import SAME_PLACE, advance_clock, begin_leg, flight_time, hop_inside
+from osl_env.vehicles.point_mass import fly_period
+
+_SENSOR, _ANEMOMETER, _RADIO = int(Purpose.SENSOR), int(Purpose.ANEMOMETER), int(Purpose.RADIO)
+
+
+@njit(cache=True, error_model="numpy")
+def fly_hops(
+    motion: StateArray,
+    ledger: StateArray,
+    episode: StateArray,
+    constants: StateArray,
+    stepping: BoolArray,
+    actions: IntArray,
+    table: FloatArray,
+) -> None:
+    """One step of hops in every running world: fly, and advance the clocks.
+
+    `actions` (n_envs, n_uavs) are rows of `table` (see `hop_table`). A hop that would leave the area is shortened to the longest one inside. Writes which worlds flew to `stepping`.
+    """
+    n_envs, n_uavs = motion.shape
+    c = constants[0]
+    hover = table.shape[0] - 1
+    for e in range(n_envs):
+        stepping[e] = episode[e].outcome == RUNNING
+        if not stepping[e]:
+            continue
+        clock = episode[e].clock
+        for i in range(n_uavs):
+            m = motion[e, i]
+            if m.active and m.ready:
+                k = hop_inside(m, c.area, table, min(actions[e, i], hover), c.hop_lengths, hover)
+                for axis in range(3):
+                    m.target[axis] = m.position[axis] + table[k, axis]
+                begin_leg(m, ledger[e, i], c, clock, table[k, 3], table[k, 4], table[k, 5], table[k, 6], table[k, 7], 1)
+        advance_clock(motion, ledger, episode, c, e)
+
+
+@njit(cache=True, error_model="numpy")
+def fly_waypoints(
+    motion: StateArray,
+    ledger: StateArray,
+    episode: StateArray,
+    constants: StateArray,
+    stepping: BoolArray,
+    targets: FloatArray,
+    samples: IntArray,
+) -> None:
+    """One step of legs in every running world: fly, and advance the clocks.
+
+    Legs go to `targets` (n_envs, n_uavs, 3), m, clipped into the area, with `samples` (n_envs, n_uavs) samples at their ends.
+    Writes which worlds flew to `stepping`.
+    """
+    n_envs, n_uavs = motion.shape
+    c = constants[0]
+    flight = np.empty(3)
+    for e in range(n_envs):
+        stepping[e] = episode[e].outcome == RUNNING
+        if not stepping[e]:
+            continue
+        clock = episode[e].clock
+        for i in range(n_uavs):
+            m = motion[e, i]
+            if not (m.active and m.ready):
+                continue
+            squared = 0.0
+            for axis in range(3):
+                m.target[axis] = min(max(targets[e, i, axis], 0.0), c.area[axis])
+                flight[axis] = m.target[axis] - m.position[axis]
+                squared += flight[axis] * flight[axis]
+            distance = math.sqrt(squared)
+            if distance > SAME_PLACE:
+                for axis in range(3):
+                    flight[axis] /= distance
+            else:
+                distance = 0.0
+                for axis in range(3):
+                    m.target[axis] = m.position[axis]
+            count = min(max(samples[e, i], 1), c.max_samples)
+            duration = flight_time(distance, c.speed, c.acceleration) if distance > 0.0 else 0.0
+            begin_leg(m, ledger[e, i], c, clock, flight[0], flight[1], flight[2], distance, duration, count)
+        advance_clock(motion, ledger, episode, c, e)
+
+
+@njit(cache=True, error_model="numpy")
+def fly_velocities(
+    motion: StateArray,
+    ledger: StateArray,
+    episode: StateArray,
+    constants: StateArray,
+    stepping: BoolArray,
+    commands: FloatArray,
+) -> None:
+    """One decision period with velocity `commands` (n_envs, n_uavs, 3), m/s, in every running world."""
+    n_envs, n_uavs = motion.shape
+    c = constants[0]
+    for e in range(n_envs):
+        stepping[e] = episode[e].outcome == RUNNING
+        if not stepping[e]:
+            continue
+        for i in range(n_uavs):
+            if motion[e, i].active:
+                fly_period(motion[e, i], ledger[e, i], c, commands[e, i, 0], commands[e, i, 1], commands[e, i, 2])
+        episode[e].clock += c.decision_period
+
+
+@njit(cache=True, error_model="numpy")
+def settle(
+    motion: StateArray,
+    ledger: StateArray,
+    senses: StateArray,
+    episode: StateArray,
+    constants: StateArray,
+    stepping: BoolArray,
+    rates: FloatArray,
+    sampling_time: float,
+    links: BoolArray,
+    heard: StateArray,
+    talks: bool,
+) -> None:
+    """What follows a flight or a reset: samples, and (where a frame reaches all at once: `talks`) the radio."""
+    n_envs, n_uavs = motion.shape
+    c = constants[0]
+    for e in range(n_envs):
+        if not stepping[e]:
+            continue
+        for i in range(n_uavs):
+            s = senses[e, i]
+            s.fresh = False
+            if motion[e, i].active and motion[e, i].ready:
+                sample(motion[e, i], s, episode[e], c, rates[e, i], sampling_time)
+        if talks:
+            send_to_all(motion, ledger, senses, episode[e].clock, c, links, heard, e)
+
+
+@njit(cache=True, error_model="numpy")
+def finish(
+    motion: StateArray,
+    ledger: StateArray,
+    senses: StateArray,
+    episode: StateArray,
+    constants: StateArray,
+    stepping: BoolArray,
+    rewards: FloatArray,
+) -> None:
+    """The end of a step: flights that are over, and the rewards (n_envs, n_uavs)."""
+    c = constants[0]
+    for e in range(motion.shape[0]):
+        if stepping[e]:
+            end_flights(motion, ledger, episode, c, e)
+        pay(motion, ledger, senses, episode[e].outcome, c, rewards, e)
+
+
+@njit(cache=True, error_model="numpy")
+def begin(
+    motion: StateArray,
+    ledger: StateArray,
+    senses: StateArray,
+    heard: StateArray,
+    sent: StateArray,
+    episode: StateArray,
+    constants: StateArray,
+    rows: IntArray,
+    seeds: IntArray,
+    first_hover: float,
+) -> None:
+    """Clear the state of the worlds `rows` and begin their episodes with a hover of `first_hover` s."""
+    c = constants[0]
+    for k in range(rows.size):
+        e = rows[k]
+        world = episode[e]
+        world.clock = first_hover
+        world.seed = seeds[k]
+        world.outcome = RUNNING
+        world.winner = -1
+        world.search_time = world.declaration_error = np.nan
+        for axis in range(3):
+            world.declared[axis] = np.nan
+        for i in range(motion.shape[1]):
+            m, book, s = motion[e, i], ledger[e, i], senses[e, i]
+            _begin_motion(m, first_hover)
+            _begin_ledger(book, m, c, first_hover)
+            s.reading = s.sampling_time = 0.0
+            s.first_detection_time = np.nan
+            s.detections = 0
+            s.gas_stream = derive(seeds[k], _SENSOR, i)
+            s.anemometer_stream = derive(seeds[k], _ANEMOMETER, i)
+            s.radio_stream = derive(seeds[k], _RADIO, i)
+            for j in range(heard.shape[1]):
+                heard[e, j, i].known = False
+            for q in range(sent.shape[2]):
+                sent[e, i, q].known = False
+
+
+@njit(error_model="numpy")
+def _begin_motion(m: Any, first_hover: float) -> None:
+    for axis in range(3):
+        m.velocity[axis] = m.heading[axis] = 0.0
+        m.target[axis] = m.position[axis]
+    m.leg_turn = m.leg_flight = m.leg_path = 0.0
+    m.leg_hover = m.leg_end = first_hover
+    m.turns = 0
+    m.samples = 1 if first_hover > 0.0 else 0
+    m.active = m.ready = True
+    m.exhausted = m.terminated = m.truncated = False
+
+
+@njit(error_model="numpy")
+def _begin_ledger(book: Any, m: Any, c: Any, first_hover: float) -> None:
+    for kind in range(book.energy.size):
+        book.energy[kind] = 0.0
+    book.turning_time = book.flying_time = book.waiting_time = book.path = 0.0
+    book.hovering_time = book.search_time = first_hover
+    book.energy[HOVERING] = min(first_hover * c.hovering_power, c.capacity)
+    book.spent = book.energy[HOVERING]
+    book.turns = book.flights = book.decisions = book.messages = book.bytes = 0
+    book.hovers = m.samples
+    book.total_reward = 0.0
+    book.rewarded_energy = book.spent
+    book.rewarded_time = first_hover
+    book.potential = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def charge_payloads(
+    motion: StateArray, ledger: StateArray, constants: StateArray, lengths: IntArray, bits: FloatArray
+) -> None:
+    """Enter payload bytes and computed bits (n_envs, n_uavs) of the UAVs that decide now; never beyond the battery."""
+    c = constants[0]
+    talks = c.radius > 0.0 and motion.shape[1] > 1
+    for e in range(motion.shape[0]):
+        for i in range(motion.shape[1]):
+            book = ledger[e, i]
+            if not (motion[e, i].active and motion[e, i].ready):
+                continue
+            cost = min(bits[e, i] * c.joule_per_bit_computed, max(0.0, c.capacity - book.spent))
+            book.energy[COMPUTING] += cost
+            book.spent += cost
+            if talks and lengths[e, i] > 0:
+                charge_bytes(book, c, lengths[e, i])

@@ -1,0 +1,176 @@
+"""How legs are flown, on either clock, with the battery that may end them.
+
+A leg is: turn by any angle if its direction differs from the last flight's, fly straight, hover and sample. On the barrier clock the
+step ends when the slowest UAV is done and the others wait, hovering; on the event clock it ends with the next UAV that is done.
+Flight time with acceleration a and top speed v from rest to rest over d: d / v + v / a, or 2 sqrt(d / a) if the top speed is not
+reached; with infinite acceleration d / v. If the battery does not last, the leg is cut at the moment it is empty.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from osl_env.actions import HOP_DIRECTIONS
+from osl_env.parameters import FloatArray
+from osl_env.vehicles.base import Vehicle
+from osl_env.state import FLYING, HOVERING, TURNING, WAITING
+
+_SAME_DIRECTION = 1.0 - 1e-9  # cosine above which a leg needs no turn
+SAME_PLACE = 1e-9  # m, legs shorter than this hover
+_SAME_TIME = 1e-9  # s, legs that end within this of the clock end together
+
+
+@njit(inline="always", error_model="numpy")
+def flight_time(distance: float, speed: float, acceleration: float) -> float:
+    if distance * acceleration >= speed * speed:
+        return distance / speed + speed / acceleration
+    return 2.0 * math.sqrt(distance / acceleration)
+
+
+@njit(error_model="numpy")
+def _cut_by_battery(motion: Any, remaining: float, constants: Any) -> None:
+    """Shorten the leg so that it costs `remaining` J: turn, flight and hover in that order."""
+    motion.exhausted = True
+    motion.samples = 0
+    turn = min(remaining, motion.turns * constants.turn_energy)
+    if motion.turns > 0 and constants.turn_energy > 0.0:
+        motion.leg_turn *= turn / constants.turn_energy
+    remaining -= turn
+    flight = motion.leg_flight
+    if flight > 0.0 and constants.flying_power > 0.0:
+        share = min(1.0, remaining / (flight * constants.flying_power))
+        for axis in range(3):
+            motion.target[axis] = motion.position[axis] + share * (motion.target[axis] - motion.position[axis])
+        motion.leg_flight *= share
+        motion.leg_path *= share
+        remaining -= motion.leg_flight * constants.flying_power
+    if constants.hovering_power > 0.0:
+        motion.leg_hover = min(motion.leg_hover, max(0.0, remaining / constants.hovering_power))
+
+
+@njit(inline="always", error_model="numpy")
+def begin_leg(
+    motion: Any, ledger: Any, constants: Any, clock: float, x: float, y: float, z: float, distance: float, duration: float, samples: int
+) -> None:
+    """Plan one UAV's leg: `distance` m in `duration` s along the unit vector (x, y, z) to the target set; 0 m hovers."""
+    heading = motion.heading
+    motion.turns = 0
+    motion.leg_turn = 0.0
+    motion.leg_flight = duration
+    motion.leg_path = distance
+    if distance > 0.0:
+        cosine = x * heading[0] + y * heading[1] + z * heading[2]
+        has_flown = heading[0] != 0.0 or heading[1] != 0.0 or heading[2] != 0.0
+        if has_flown and cosine < _SAME_DIRECTION:
+            motion.turns = 1
+            motion.leg_turn = constants.turn_time
+        heading[0], heading[1], heading[2] = x, y, z
+    motion.samples = samples
+    motion.leg_hover = samples * constants.hover_time
+    cost = (
+        motion.turns * constants.turn_energy
+        + motion.leg_flight * constants.flying_power
+        + motion.leg_hover * constants.hovering_power
+    )
+    remaining = constants.capacity - ledger.spent
+    if cost >= remaining:
+        _cut_by_battery(motion, max(remaining, 0.0), constants)
+    motion.leg_end = clock + (motion.leg_turn + motion.leg_flight + motion.leg_hover)
+    motion.ready = False
+
+
+@njit(inline="always", error_model="numpy")
+def charge_leg(motion: Any, ledger: Any, constants: Any, share: float) -> None:
+    """Enter `share` (0 .. 1) of the present leg into the ledger."""
+    turning = 0.0
+    if motion.turns > 0:
+        begun = motion.leg_turn / constants.turn_time if constants.turn_time > 0.0 else 1.0
+        turning = share * constants.turn_energy * begun
+    flying = share * motion.leg_flight * constants.flying_power
+    hovering = share * motion.leg_hover * constants.hovering_power
+    ledger.energy[TURNING] += turning
+    ledger.energy[FLYING] += flying
+    ledger.energy[HOVERING] += hovering
+    ledger.spent += turning + flying + hovering
+    ledger.turning_time += share * motion.leg_turn
+    ledger.flying_time += share * motion.leg_flight
+    ledger.hovering_time += share * motion.leg_hover
+    ledger.search_time += share * (motion.leg_turn + motion.leg_flight + motion.leg_hover)
+    ledger.path += share * motion.leg_path
+
+
+@njit(inline="always", error_model="numpy")
+def _complete_leg(motion: Any, ledger: Any, constants: Any) -> None:
+    position, target = motion.position, motion.target
+    position[0], position[1], position[2] = target[0], target[1], target[2]
+    charge_leg(motion, ledger, constants, 1.0)
+    ledger.turns += motion.turns
+    ledger.flights += 1 if motion.leg_path > 0.0 else 0
+    ledger.hovers += 1 if motion.samples > 0 else 0
+    ledger.decisions += 1
+    motion.ready = True
+
+
+@njit(error_model="numpy")
+def _wait(motion: Any, ledger: Any, constants: Any, duration: float) -> None:
+    """Hover for `duration` s until the slowest UAV is done; the battery may end while waiting."""
+    cost = duration * constants.hovering_power
+    remaining = constants.capacity - ledger.spent
+    if cost >= remaining and cost > 0.0:
+        duration *= max(remaining, 0.0) / cost
+        cost = max(remaining, 0.0)
+        motion.exhausted = True
+    ledger.energy[WAITING] += cost
+    ledger.spent += cost
+    ledger.waiting_time += duration
+
+
+@njit(inline="always", error_model="numpy")
+def advance_clock(motion: Any, ledger: Any, episode: Any, constants: Any, e: int) -> None:
+    """Move world `e`'s clock to the end of the step, and complete the legs that are done then."""
+    n_uavs = motion.shape[1]
+    clock = 0.0 if not constants.event_clock else np.inf
+    for i in range(n_uavs):
+        if motion[e, i].active:
+            end = motion[e, i].leg_end
+            clock = min(clock, end) if constants.event_clock else max(clock, end)
+    for i in range(n_uavs):
+        m = motion[e, i]
+        if m.active and not m.ready and m.leg_end <= clock + _SAME_TIME:
+            _complete_leg(m, ledger[e, i], constants)
+            if clock > m.leg_end + _SAME_TIME and not m.exhausted:
+                _wait(m, ledger[e, i], constants, clock - m.leg_end)
+    episode[e].clock = clock
+
+
+def hop_table(vehicle: Vehicle) -> FloatArray:
+    """What each hop action means: rows of offset (3), m, unit vector (3), length, m, and flight time, s.
+
+    Shape (26 l_max + 1, 8); the last row hovers.
+    """
+    hop_lengths = vehicle.hop_lengths
+    table = np.zeros((len(HOP_DIRECTIONS) * hop_lengths + 1, 8))
+    for action in range(len(table) - 1):
+        step = HOP_DIRECTIONS[action // hop_lengths] * vehicle.step_length
+        table[action, 0:3] = (action % hop_lengths + 1) * step
+        table[action, 6] = math.sqrt(sum(x * x for x in table[action, 0:3].tolist()))
+        table[action, 3:6] = table[action, 0:3] / table[action, 6]
+        table[action, 7] = flight_time(table[action, 6], vehicle.speed, vehicle.acceleration)
+    return table
+
+
+@njit(inline="always", error_model="numpy")
+def hop_inside(m: Any, area: Any, table: Any, action: int, hop_lengths: int, hover: int) -> int:
+    """The hop itself if it ends inside the area, else the longest one in its direction that does, else hovering."""
+    x, y, z = m.position[0], m.position[1], m.position[2]
+    shortest = action - action % hop_lengths if action < hover else hover
+    while action < hover:
+        u, v, w = x + table[action, 0], y + table[action, 1], z + table[action, 2]
+        if 0.0 <= u <= area[0] and 0.0 <= v <= area[1] and 0.0 <= w <= area[2]:
+            return action
+        action = action - 1 if action > shortest else hover
+    return hover

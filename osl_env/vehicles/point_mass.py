@@ -1,0 +1,93 @@
+"""Point mass: follows velocity commands within limits of speed and acceleration, or flies legs from rest to rest.
+
+    dv/dt = clip(v_command - v, |.| <= a dt) / dt,   dx/dt = v        integrated at `physics_step`
+
+At the bounds the position is held and the velocity component across them is lost. In velocity mode the UAV samples all
+the while; the reading is counted over the decision period at the place where the period ends. There are no turning points,
+so turning costs nothing beyond the flight.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, Literal
+
+from numba import njit
+from pydantic import model_validator
+
+from osl_env.parameters import quantity
+from osl_env.state import FLYING, HOVERING
+from osl_env.vehicles.base import Vehicle
+
+_HOVERING_SPEED = 0.05  # m/s: below it, the power is that of hovering
+
+
+class PointMass(Vehicle):
+    """Point mass with limits of speed and acceleration; takes velocities, way points and hops."""
+
+    commands: ClassVar[tuple[str, ...]] = ("hop", "waypoint", "velocity")
+
+    kind: Literal["point_mass"] = "point_mass"
+    acceleration: float = quantity(2.0, "m/s^2", gt=0)  # a
+    decision_period: float = quantity(1.0, "s", gt=0)  # of a velocity command
+    physics_step: float = quantity(0.1, "s", gt=0)
+
+    @model_validator(mode="after")
+    def _whole_steps(self) -> PointMass:
+        steps = self.decision_period / self.physics_step
+        if abs(steps - round(steps)) > 1e-9 or steps < 1:
+            raise ValueError(
+                f"physics_step = {self.physics_step}: must divide decision_period = {self.decision_period} s into whole steps"
+            )
+        return self
+
+
+@njit(inline="always", error_model="numpy")
+def _substep(m: Any, book: Any, c: Any, u: Any, v: Any, w: Any, dt: Any) -> bool:
+    """One physics step of one UAV towards velocity (u, v, w), m/s; False once the battery is empty."""
+    velocity, position = m.velocity, m.position
+    du, dv, dw = u - velocity[0], v - velocity[1], w - velocity[2]
+    change = math.sqrt(du * du + dv * dv + dw * dw)
+    share = min(1.0, c.acceleration * dt / change) if change > 0.0 else 0.0
+    velocity[0] += share * du
+    velocity[1] += share * dv
+    velocity[2] += share * dw
+    speed = math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2])
+    flying = speed > _HOVERING_SPEED
+    power = c.flying_power if flying else c.hovering_power
+    remaining = c.capacity - book.spent
+    alive = power * dt < remaining
+    if not alive:
+        dt = max(remaining, 0.0) / power
+        m.exhausted = True
+    book.energy[FLYING if flying else HOVERING] += power * dt
+    book.spent += power * dt
+    book.search_time += dt
+    if flying:
+        book.flying_time += dt
+    else:
+        book.hovering_time += dt
+    for axis in range(3):
+        x = position[axis] + velocity[axis] * dt
+        inside = min(max(x, 0.0), c.area[axis])
+        if inside != x:
+            velocity[axis] = 0.0
+        position[axis] = inside
+    book.path += speed * dt
+    return alive
+
+
+@njit(error_model="numpy")
+def fly_period(m: Any, book: Any, c: Any, u: float, v: float, w: float) -> None:
+    """One decision period of one UAV with the commanded velocity (u, v, w), m/s, cut to the greatest speed."""
+    excess = math.sqrt(u * u + v * v + w * w) / c.speed
+    if excess > 1.0:
+        u, v, w = u / excess, v / excess, w / excess
+    m.samples = 1
+    for _ in range(int(round(c.decision_period / c.physics_step))):
+        if not _substep(m, book, c, u, v, w, c.physics_step):
+            m.samples = 0
+            break
+    book.decisions += 1
+    book.flights += 1
+    m.ready = True

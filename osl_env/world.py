@@ -1,0 +1,258 @@
+"""World: a batch of episodes of one scenario, advanced together.
+
+Composes the models: vehicles fly, the plume is read, sensors sample, the radio delivers, batteries end flights. State is
+batched (n_envs, n_uavs, ..) and owned here (layouts in `state.py`); physics is written once, over the batch. An episode
+is a function of (scenario, seed, actions) alone, whatever the batch, the row or the process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from osl_env.ending import any_declares, end_at_source, judge, own_places
+from osl_env.errors import InputError
+from osl_env.mailbox import Mailbox
+from osl_env.observation import Observation, ObservationLayout
+from osl_env.parameters import FloatArray
+from osl_env.placement import draw_places
+from osl_env.radio import HEADER_BYTES, Message, send_in_range
+from osl_env.reward import shape
+from osl_env.scenario import Scenario, load_scenario
+from osl_env.state import (
+    CONSTANTS,
+    EPISODE,
+    FRAME,
+    LEDGER,
+    MOTION,
+    RUNNING,
+    SENSES,
+    BoolArray,
+    IntArray,
+    StateArray,
+)
+from osl_env.stepping import begin, charge_payloads, finish, fly_hops, fly_velocities, fly_waypoints, settle
+from osl_env.streams import check_seed
+from osl_env.vehicles.legs import hop_table
+from osl_env.vehicles.point_mass import PointMass
+
+_MAX_STATE_BYTES = 16 * 2**30
+
+
+class World:
+    """`n_envs` episodes of `scenario` (a name, a path or a Scenario), stepped together. Call `reset` first.
+
+    State to read, and never to write: `motion`, `ledger`, `senses` (n_envs, n_uavs), `heard` (n_envs, receiver, sender), `episode`
+    (n_envs,), `source_position` (n_envs, n_sources, 3) m, `rewards` (n_envs, n_uavs) of the last step.
+    """
+
+    def __init__(self, scenario: str | Scenario, n_envs: int = 1) -> None:
+        """Allocate the state. Raises InputError if `n_envs` is not at least 1."""
+        if isinstance(n_envs, bool) or not isinstance(n_envs, int | np.integer) or n_envs < 1:
+            raise InputError(f"n_envs = {n_envs!r}: must be an integer of at least 1")
+        self.scenario = load_scenario(scenario)
+        self.n_envs, self.n_uavs = int(n_envs), self.scenario.team.n_uavs
+        shape = (self.n_envs, self.n_uavs)
+        if self.n_envs * self.n_uavs * (600 + FRAME.itemsize * self.n_uavs) > _MAX_STATE_BYTES:
+            raise InputError(f"n_envs = {n_envs}: this many worlds of {self.n_uavs} UAVs need over 16 GiB")
+        self.layout = ObservationLayout(self.scenario)
+        self.constants = _constants(self.scenario)
+        self.motion: StateArray = np.zeros(shape, MOTION)
+        self.ledger: StateArray = np.zeros(shape, LEDGER)
+        self.senses: StateArray = np.zeros(shape, SENSES)
+        self.episode: StateArray = np.zeros(self.n_envs, EPISODE)
+        self.episode["outcome"] = RUNNING + 3  # not begun: only a reset starts an episode
+        receivers = 1 if self.scenario.radio.reaches_all else self.n_uavs  # all hear the same: one copy serves them all
+        self.heard: StateArray = np.zeros((self.n_envs, receivers, self.n_uavs), FRAME)
+        self.links: BoolArray = np.zeros((*shape, self.n_uavs), np.bool_)
+        queue = self._queue_length()
+        self._sent: StateArray = np.zeros((*shape, queue), FRAME)
+        self._reach: BoolArray = np.zeros((*shape, queue, self.n_uavs), np.bool_)
+        self._cursor = 0
+        sources = self.scenario.sources
+        self.source_position: FloatArray = np.zeros((self.n_envs, sources.count, 3))
+        self.source_strength: FloatArray = np.ones((self.n_envs, sources.count)) * np.array(sources.strengths or 1.0)
+        self.rates: FloatArray = np.zeros(shape)
+        self.rewards: FloatArray = np.zeros(shape)
+        self._stepping: BoolArray = np.zeros(self.n_envs, np.bool_)
+        self._hop_table = hop_table(self.scenario.vehicle)
+        self._declarations: FloatArray = np.full((*shape, 3), np.nan)
+        self._all_rows: IntArray = np.arange(self.n_envs)
+        self._talks = self.scenario.radio.radius > 0 and self.n_uavs > 1
+        self._to_all = self.scenario.radio.reaches_all
+        self._reaching = self.scenario.ending.success == "reach"
+        self._shaping = self.scenario.reward.shaping > 0
+        self._mailbox = Mailbox(self.scenario.radio.latency, self.n_envs, self.n_uavs)
+        self._samples_at_reset = self.scenario.action != "velocity"
+        vehicle = self.scenario.vehicle
+        in_periods = self.scenario.action == "velocity" and isinstance(vehicle, PointMass)
+        self.sampling_time = vehicle.decision_period if in_periods and isinstance(vehicle, PointMass) else vehicle.hover_time
+        self._rows: FloatArray | None = None
+
+    def _queue_length(self) -> int:
+        latency = self.scenario.radio.latency
+        if latency == 0:
+            return 1
+        per_step = self.n_uavs if self.scenario.clock == "event" else 1
+        return per_step * (int(np.ceil(latency / self.scenario.decision_time)) + 2)
+
+    @property
+    def running(self) -> BoolArray:
+        """(n_envs,) bool: which episodes go on."""
+        return np.equal(self.episode["outcome"], RUNNING)
+
+    def reset(self, seeds: ArrayLike | Sequence[int], mask: BoolArray | None = None) -> None:
+        """Begin the episodes with `seeds` (n_envs,) in the worlds of `mask` (n_envs,) bool; in all without a mask.
+
+        On legs every UAV hovers and samples once where it starts (so the clock begins at one hovering time).
+        """
+        numbers = np.asarray(seeds)
+        if numbers.shape != (self.n_envs,) or numbers.dtype.kind not in "iu":
+            raise InputError(f"seeds: must be {self.n_envs} integers, one for each world, not {seeds!r:.80}")
+        rows = np.arange(self.n_envs) if mask is None else np.flatnonzero(mask)
+        if rows.size == 0:
+            return
+        if int(numbers[rows].min()) < 0 or int(numbers[rows].max()) >= 2**63:
+            check_seed(int(numbers[rows].min()))
+            check_seed(int(numbers[rows].max()))
+        chosen = numbers[rows].astype(np.int64)
+        stepping = self._stepping
+        stepping[:] = False
+        stepping[rows] = True
+        self._place(rows, chosen)
+        first_hover = self.sampling_time if self._samples_at_reset else 0.0
+        begin(self.motion, self.ledger, self.senses, self.heard, self._sent, self.episode, self.constants, rows, chosen,
+              first_hover)  # fmt: skip
+        self._mailbox.clear(rows)
+        self._settle()
+        if self._shaping:
+            shape(self.motion, self.ledger, self.constants, self.source_position, self.rewards, rows, False)
+
+    def _place(self, rows: IntArray, seeds: IntArray) -> None:
+        team, sources = self.scenario.team, self.scenario.sources
+        starts = np.zeros((rows.size, self.n_uavs, 3))
+        places = np.zeros((rows.size, sources.count, 3))
+        if team.region is None:
+            starts[:] = team.starts[: self.n_uavs]
+        if sources.region is None:
+            places[:] = sources.positions
+        nothing = np.empty((0, 3))
+        team_region = nothing if team.region is None else np.array(team.region)
+        source_region = nothing if sources.region is None else np.array(sources.region)
+        draw_places(seeds, team_region, source_region, sources.minimum_distance, starts, places)
+        self.source_position[rows] = places
+        self.motion["position"][rows] = starts
+        self.episode["wind"][rows] = self.scenario.wind.draw(seeds)
+
+    def _settle(self) -> None:
+        """What follows a flight or a reset in the worlds that took part: read the plume, sample, talk."""
+        s = self
+        s.scenario.plume.read(s.motion, s.source_position, s.source_strength, s.episode, s.rates)
+        settle(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.rates, s.sampling_time, s.links, s.heard,
+               s._talks and s._to_all)  # fmt: skip
+        if s._talks and not s._to_all:
+            send_in_range(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.links, s.heard, s._sent,
+                          s._reach, s._cursor)  # fmt: skip
+            s._cursor = (s._cursor + 1) % s._sent.shape[2]
+        s._rows = None
+
+    def _finish(self) -> None:
+        """The end of a step: who has arrived, whose flight is over, and the rewards."""
+        s = self
+        s._settle()
+        if s._reaching:
+            end_at_source(s.motion, s.ledger, s.episode, s.constants, s.source_position, s._stepping)
+        finish(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.rewards)
+        if s._shaping:
+            shape(s.motion, s.ledger, s.constants, s.source_position, s.rewards, s._all_rows, True)
+
+    def _judge(self, declarations: FloatArray | None) -> None:
+        if declarations is not None and not self._reaching:
+            judge(self.motion, self.ledger, self.episode, self.constants, self.source_position, declarations)
+
+    def step_hops(self, actions: IntArray) -> None:
+        """One step of hops: `actions` (n_envs, n_uavs) int64, direction * l_max + length - 1; 26 l_max hovers; one more declares.
+
+        Not checked here: the views do that. UAVs that are not ready, and worlds that have ended, ignore theirs.
+        """
+        s = self
+        declaring = 26 * s.scenario.vehicle.hop_lengths + 1
+        if any_declares(actions, declaring):
+            own_places(s.motion, actions, declaring, s._declarations)
+            s._judge(s._declarations)
+        fly_hops(s.motion, s.ledger, s.episode, s.constants, s._stepping, actions, s._hop_table)
+        s._finish()
+
+    def step_waypoints(self, targets: FloatArray, samples: IntArray, declarations: FloatArray | None = None) -> None:
+        """One step of legs to `targets` (n_envs, n_uavs, 3) m with `samples` (n_envs, n_uavs) int64 at each end.
+
+        `declarations` (n_envs, n_uavs, 3) m, NaN where there is none, are judged first and end their episodes.
+        """
+        s = self
+        s._judge(declarations)
+        fly_waypoints(s.motion, s.ledger, s.episode, s.constants, s._stepping, targets, samples)
+        s._finish()
+
+    def step_velocities(self, velocities: FloatArray, declarations: FloatArray | None = None) -> None:
+        """One decision period with `velocities` (n_envs, n_uavs, 3) m/s; `declarations` as in `step_waypoints`."""
+        s = self
+        s._judge(declarations)
+        fly_velocities(s.motion, s.ledger, s.episode, s.constants, s._stepping, velocities)
+        s._finish()
+
+    def observation(self, env: int, uav: int) -> Observation:
+        """What UAV `uav` of world `env` may know now."""
+        return self.layout.observation(self.physical[env, uav])
+
+    @property
+    def physical(self) -> FloatArray:
+        """The physical rows of all observations now (n_envs, n_uavs, layout.size); the same array until the next step."""
+        if self._rows is None:
+            self._rows = self.layout.physical(self)
+        return self._rows
+
+    def exchange(
+        self, payloads: Sequence[Sequence[bytes | None]], computed_bits: FloatArray | None = None
+    ) -> list[list[list[Message]]]:
+        """Attach the policies' `payloads` to this step's frames: what every UAV has received, [env][uav] -> messages.
+
+        Charges the sender for its payload's bytes, and for `computed_bits` (n_envs, n_uavs), if given. A UAV that is not ready
+        sends nothing, and finds its messages at its next decision. Messages come in the order sent.
+        """
+        lengths = np.array([[len(payload or b"") for payload in team] for team in payloads], dtype=np.int64)
+        lengths[~(self.motion["active"] & self.motion["ready"])] = 0
+        bits = np.zeros(self.motion.shape) if computed_bits is None else computed_bits
+        charge_payloads(self.motion, self.ledger, self.constants, lengths, bits)
+        return self._mailbox.exchange(self, payloads)
+
+
+def _constants(scenario: Scenario) -> StateArray:
+    """The kernels' numbers, from the model objects."""
+    constants = np.zeros(1, CONSTANTS)
+    vehicle, energy, ending, radio = scenario.vehicle, scenario.energy, scenario.ending, scenario.radio
+    for name in ("step_length", "hop_lengths", "speed", "acceleration", "hover_time", "turn_time", "max_samples"):
+        constants[name] = getattr(vehicle, name)
+    if isinstance(vehicle, PointMass):
+        constants["decision_period"] = vehicle.decision_period
+        constants["physics_step"] = vehicle.physics_step
+    for name in ("flying_power", "hovering_power", "turn_energy", "capacity"):
+        constants[name] = getattr(energy, name)
+    for name in ("time_limit", "max_decisions", "success_radius"):
+        constants[name] = getattr(ending, name)
+    for name in ("false_positive_rate", "miss_probability", "dead_time"):
+        constants[name] = getattr(scenario.gas_sensor, name)
+    for name in ("radius", "latency", "loss"):
+        constants[name] = getattr(radio, name)
+    for name in ("time", "success", "false_declaration", "energy", "detection", "shaping"):
+        constants[f"reward_{name}"] = getattr(scenario.reward, name)
+    constants["area"] = scenario.arena.size
+    constants["joule_per_bit_computed"] = energy.joule_per_bit
+    constants["joule_per_byte_sent"] = radio.joule_per_byte
+    constants["event_clock"] = scenario.clock == "event"
+    constants["reach"] = ending.success == "reach"
+    constants["wind_noise"] = scenario.anemometer.noise
+    constants["header_bytes"] = HEADER_BYTES
+    constants["discount"] = scenario.reward.discount
+    return constants
