@@ -23,6 +23,7 @@ _DETECTION_SIZE = 6  # mask, age, offset (3), reading
 _NEIGHBOUR_SIZE = 7  # mask, offset (3), reading, sampling time, age
 _HEAD_SIZE = 17
 _DETECTIONS_END = _HEAD_SIZE + _K * _DETECTION_SIZE
+_BLOCK = 32  # UAVs whose rows are written before they are normalised
 AREA_SCALE, WIND_SCALE, READING_SCALE, SAMPLING_SCALE, AGE_SCALE = 100.0, 2.0, 5.0, 5.0, 60.0  # m, m/s, 1, s, s
 
 
@@ -92,8 +93,9 @@ class ObservationLayout:
             linear = field.normalised == "linear"
             scales = list(field.scale) * (field.size // len(field.scale))
             columns += [(x, field.offset, 0.0, 1.0) if linear else (1.0, 0.0, 1.0, x) for x in scales]
-        # both normalisations as one branch-free formula: (x * gain + offset) / (|x| * bend + base), rows of (4, flat_size)
-        self._transform = np.ascontiguousarray(np.array(columns, dtype=np.float32).T)
+        # both normalisations as one branch-free formula: (x * gain + offset) / (|x| * bend + base); (4, _BLOCK * flat_size)
+        # for each of _BLOCK rows, one after the other
+        self._transform = np.ascontiguousarray(np.tile(np.array(columns, dtype=np.float32).T, _BLOCK))
         area = scenario.arena.size
         self._numbers = np.array([*area, scenario.energy.capacity, scenario.ending.time_limit])
 
@@ -109,7 +111,7 @@ class ObservationLayout:
             out = np.empty((*world.motion.shape, self.flat_size), dtype=np.float32)
         _flat(
             world.motion, world.ledger, world.senses, world.heard, world.episode,
-            self._numbers, self.n_neighbours, self.size, self._transform, out,
+            self._numbers, self.n_neighbours, self._transform, out,
         )  # fmt: skip
         return out
 
@@ -180,7 +182,7 @@ def _fields(scenario: Scenario, n_neighbours: int) -> list[Field]:
 
 
 @njit(inline="always", error_model="numpy")
-def _write_row(motion: Any, ledger: Any, senses: Any, clock: float, numbers: Any, n_neighbours: int, row: Any) -> None:
+def _write_row(motion: Any, ledger: Any, senses: Any, clock: float, numbers: Any, row: Any, extra: Any) -> None:
     """The physical row of one UAV, without its neighbours."""
     for axis in range(3):
         row[axis] = motion.position[axis]
@@ -192,8 +194,8 @@ def _write_row(motion: Any, ledger: Any, senses: Any, clock: float, numbers: Any
     row[14] = senses.sampling_time
     row[15] = max(0.0, numbers[3] - ledger.spent)
     row[16] = max(0.0, numbers[4] - ledger.search_time)
-    row[_DETECTIONS_END + n_neighbours * _NEIGHBOUR_SIZE] = clock
-    row[_DETECTIONS_END + n_neighbours * _NEIGHBOUR_SIZE + 1] = float(ledger.decisions)
+    extra[0] = clock
+    extra[1] = float(ledger.decisions)
     at = _HEAD_SIZE
     for k in range(_K):
         if k < senses.detections:
@@ -210,10 +212,9 @@ def _write_row(motion: Any, ledger: Any, senses: Any, clock: float, numbers: Any
 
 @njit(inline="always", error_model="numpy")
 def _write_neighbours(
-    heard: Any, e: int, own: int, position: Any, clock: float, n_neighbours: int, row: Any
+    heard: Any, e: int, own: int, position: Any, clock: float, n_neighbours: int, row: Any, extra: Any
 ) -> None:
     """The neighbour table of UAV `own`: the nearest heard ones, by insertion into the table."""
-    ids = _DETECTIONS_END + n_neighbours * _NEIGHBOUR_SIZE + 2
     count = 0
     receiver = min(own, heard.shape[1] - 1)  # one copy serves all, if all hear the same
     for j in range(heard.shape[2] if n_neighbours > 0 else 0):
@@ -231,19 +232,19 @@ def _write_neighbours(
             if slot < n_neighbours:
                 for column in range(_NEIGHBOUR_SIZE):
                     row[at + _NEIGHBOUR_SIZE + column] = row[at + column]
-                row[ids + slot] = row[ids + slot - 1]
+                extra[2 + slot] = extra[1 + slot]
             slot -= 1
         if slot < n_neighbours:
             at = _DETECTIONS_END + slot * _NEIGHBOUR_SIZE
             row[at], row[at + 1], row[at + 2], row[at + 3] = 1.0, dx, dy, dz
             row[at + 4], row[at + 5], row[at + 6] = frame.reading, frame.sampling_time, clock - frame.time
-            row[ids + slot] = float(j)
+            extra[2 + slot] = float(j)
         count = min(count + 1, n_neighbours)
     for slot in range(count, n_neighbours):
         at = _DETECTIONS_END + slot * _NEIGHBOUR_SIZE
         for column in range(_NEIGHBOUR_SIZE):
             row[at + column] = 0.0
-        row[ids + slot] = -1.0
+        extra[2 + slot] = -1.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -258,12 +259,13 @@ def _physical(
     rows: FloatArray,
 ) -> None:
     n_envs, n_uavs = motion.shape
+    width = rows.shape[2] - 2 - n_neighbours
     for e in range(n_envs):
         clock = episode[e].clock
         for i in range(n_uavs):
-            row, m = rows[e, i], motion[e, i]
-            _write_row(m, ledger[e, i], senses[e, i], clock, numbers, n_neighbours, row)
-            _write_neighbours(heard, e, i, m.position, clock, n_neighbours, row)
+            row, extra, m = rows[e, i, :width], rows[e, i, width:], motion[e, i]
+            _write_row(m, ledger[e, i], senses[e, i], clock, numbers, row, extra)
+            _write_neighbours(heard, e, i, m.position, clock, n_neighbours, row, extra)
 
 
 @njit(cache=True, error_model="numpy")
@@ -275,22 +277,30 @@ def _flat(
     episode: StateArray,
     numbers: FloatArray,
     n_neighbours: int,
-    size: int,
     transform: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
-    n_envs, n_uavs = motion.shape
-    row = np.zeros(size, dtype=np.float32)
+    """Rows in blocks of UAVs, then their normalisation in one long loop over the block, which vectorises."""
+    n_uavs = motion.shape[1]
+    n, width = motion.size, out.shape[2]
+    flat = out.reshape(-1)
+    rows = np.zeros((_BLOCK, width), dtype=np.float32)
+    numbers_of_row = rows.reshape(-1)
+    extra = np.zeros(2 + n_neighbours, dtype=np.float32)
     gain, offset, bend, base = transform[0], transform[1], transform[2], transform[3]
     one = np.float32(1.0)
-    for e in range(n_envs):
-        clock = episode[e].clock
-        for i in range(n_uavs):
-            m = motion[e, i]
-            _write_row(m, ledger[e, i], senses[e, i], clock, numbers, n_neighbours, row)
-            _write_neighbours(heard, e, i, m.position, clock, n_neighbours, row)
-            flat = out[e, i]
-            for k in range(flat.size):
-                x = row[k]
-                y = (x * gain[k] + offset[k]) / (abs(x) * bend[k] + base[k])
-                flat[k] = min(max(y, -one), one)
+    e, i = 0, 0
+    for start in range(0, n, _BLOCK):
+        count = min(_BLOCK, n - start)
+        for b in range(count):
+            m, clock = motion[e, i], episode[e].clock
+            _write_row(m, ledger[e, i], senses[e, i], clock, numbers, rows[b], extra)
+            _write_neighbours(heard, e, i, m.position, clock, n_neighbours, rows[b], extra)
+            i += 1
+            if i == n_uavs:
+                e, i = e + 1, 0
+        normalised = flat[start * width : (start + count) * width]
+        for k in range(normalised.size):
+            x = numbers_of_row[k]
+            y = (x * gain[k] + offset[k]) / (abs(x) * bend[k] + base[k])
+            normalised[k] = min(max(y, -one), one)

@@ -111,6 +111,15 @@ EPISODE = np.dtype(  # (n_envs,)
     align=True,
 )
 
+TEAM = np.dtype(  # (n_envs,): an episode as central control sees it
+    [
+        ("reward", _F),  # mean of the UAVs' rewards of the last step
+        ("terminated", _B),
+        ("truncated", _B),  # over, without a declaration or arrival, and some UAV's time or decisions were used up
+    ],
+    align=True,
+)
+
 CONSTANTS = np.dtype(  # (1,): every number that the kernels need of the scenario
     [
         ("area", _F, (3,)),

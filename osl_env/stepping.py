@@ -138,20 +138,27 @@ def settle(
     links: BoolArray,
     heard: StateArray,
     talks: bool,
+    rewards: FloatArray,
+    team: StateArray,
+    ends: bool,
 ) -> None:
-    """What follows a flight or a reset: samples, and (where a frame reaches all at once: `talks`) the radio."""
+    """What follows a flight or a reset: samples; the radio, where a frame reaches all at once (`talks`); and, with `ends`, `finish`.
+
+    One pass over the state instead of two where nothing has to come between samples and endings.
+    """
     n_envs, n_uavs = motion.shape
     c = constants[0]
     for e in range(n_envs):
-        if not stepping[e]:
-            continue
-        for i in range(n_uavs):
-            s = senses[e, i]
-            s.fresh = False
-            if motion[e, i].active and motion[e, i].ready:
-                sample(motion[e, i], s, episode[e], c, rates[e, i], sampling_time)
-        if talks:
-            send_to_all(motion, ledger, senses, episode[e].clock, c, links, heard, e)
+        if stepping[e]:
+            for i in range(n_uavs):
+                s = senses[e, i]
+                s.fresh = False
+                if motion[e, i].active and motion[e, i].ready:
+                    sample(motion[e, i], s, episode[e], c, rates[e, i], sampling_time)
+            if talks:
+                send_to_all(motion, ledger, senses, episode[e].clock, c, links, heard, e)
+        if ends:
+            _finish_team(motion, ledger, senses, episode, c, stepping, rewards, team, e)
 
 
 @njit(cache=True, error_model="numpy")
@@ -163,13 +170,29 @@ def finish(
     constants: StateArray,
     stepping: BoolArray,
     rewards: FloatArray,
+    team: StateArray,
 ) -> None:
-    """The end of a step: flights that are over, and the rewards (n_envs, n_uavs)."""
+    """The end of a step: flights that are over, the rewards (n_envs, n_uavs), and what concerns the `team` (n_envs,)."""
     c = constants[0]
     for e in range(motion.shape[0]):
-        if stepping[e]:
-            end_flights(motion, ledger, episode, c, e)
-        pay(motion, ledger, senses, episode[e].outcome, c, rewards, e)
+        _finish_team(motion, ledger, senses, episode, c, stepping, rewards, team, e)
+
+
+@njit(inline="always", error_model="numpy")
+def _finish_team(
+    motion: Any, ledger: Any, senses: Any, episode: Any, c: Any, stepping: Any, rewards: Any, team: Any, e: int
+) -> None:
+    if stepping[e]:
+        end_flights(motion, ledger, episode, c, e)
+    pay(motion, ledger, senses, episode[e].outcome, c, rewards, e)
+    total, cut = 0.0, False
+    for i in range(motion.shape[1]):
+        total += rewards[e, i]
+        cut = cut or motion[e, i].truncated
+    over = episode[e].outcome != RUNNING
+    team[e].reward = total / motion.shape[1]
+    team[e].truncated = over and cut and episode[e].winner < 0
+    team[e].terminated = over and not team[e].truncated
 
 
 @njit(cache=True, error_model="numpy")

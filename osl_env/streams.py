@@ -7,10 +7,12 @@ told apart by `index`, so that one UAV's early end does not change the draws of 
 
 from __future__ import annotations
 
+import secrets
 from enum import IntEnum
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from osl_env.errors import InputError
 from osl_env.numerics import GAMMA, mix
@@ -44,6 +46,24 @@ def derive(seed: int, purpose: int, index: int) -> np.uint64:
 def next_episode_seed(seed: int) -> int:
     """The seed of the episode that follows the one with `seed` when an environment is reset without one."""
     return np.int64(derive(seed, 8, 0) >> np.uint64(1))
+
+
+@njit(cache=True)
+def _following(seeds: NDArray[np.int64], out: NDArray[np.int64]) -> None:
+    for k in range(seeds.size):
+        out[k] = next_episode_seed(seeds[k])
+
+
+def following_seeds(seeds: NDArray[np.int64]) -> NDArray[np.int64]:
+    """`next_episode_seed` of each of `seeds` (n,), as a fresh array."""
+    out = np.empty(len(seeds), dtype=np.int64)
+    _following(np.ascontiguousarray(seeds), out)
+    return out
+
+
+def entropy_seed() -> int:
+    """A seed from the operating system's entropy, for episodes that nobody has seeded."""
+    return secrets.randbits(62)
 
 
 def check_seed(seed: int) -> int:

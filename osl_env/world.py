@@ -23,12 +23,14 @@ from osl_env.reward import shape
 from osl_env.scenario import Scenario, load_scenario
 from osl_env.state import (
     CONSTANTS,
+    ENDED,
     EPISODE,
     FRAME,
     LEDGER,
     MOTION,
     RUNNING,
     SENSES,
+    TEAM,
     BoolArray,
     IntArray,
     StateArray,
@@ -45,7 +47,7 @@ class World:
     """`n_envs` episodes of `scenario` (a name, a path or a Scenario), stepped together. Call `reset` first.
 
     State to read, and never to write: `motion`, `ledger`, `senses` (n_envs, n_uavs), `heard` (n_envs, receiver, sender), `episode`
-    (n_envs,), `source_position` (n_envs, n_sources, 3) m, `rewards` (n_envs, n_uavs) of the last step.
+    (n_envs,), `source_position` (n_envs, n_sources, 3) m, `rewards` (n_envs, n_uavs) and `team` (n_envs,) of the last step.
     """
 
     def __init__(self, scenario: str | Scenario, n_envs: int = 1) -> None:
@@ -63,7 +65,7 @@ class World:
         self.ledger: StateArray = np.zeros(shape, LEDGER)
         self.senses: StateArray = np.zeros(shape, SENSES)
         self.episode: StateArray = np.zeros(self.n_envs, EPISODE)
-        self.episode["outcome"] = RUNNING + 3  # not begun: only a reset starts an episode
+        self.episode["outcome"] = ENDED + 1  # not begun: only a reset starts an episode
         receivers = 1 if self.scenario.radio.reaches_all else self.n_uavs  # all hear the same: one copy serves them all
         self.heard: StateArray = np.zeros((self.n_envs, receivers, self.n_uavs), FRAME)
         self.links: BoolArray = np.zeros((*shape, self.n_uavs), np.bool_)
@@ -76,6 +78,7 @@ class World:
         self.source_strength: FloatArray = np.ones((self.n_envs, sources.count)) * np.array(sources.strengths or 1.0)
         self.rates: FloatArray = np.zeros(shape)
         self.rewards: FloatArray = np.zeros(shape)
+        self.team: StateArray = np.zeros(self.n_envs, TEAM)
         self._stepping: BoolArray = np.zeros(self.n_envs, np.bool_)
         self._hop_table = hop_table(self.scenario.vehicle)
         self._declarations: FloatArray = np.full((*shape, 3), np.nan)
@@ -84,6 +87,7 @@ class World:
         self._to_all = self.scenario.radio.reaches_all
         self._reaching = self.scenario.ending.success == "reach"
         self._shaping = self.scenario.reward.shaping > 0
+        self._one_pass = (self._to_all or not self._talks) and not self._reaching
         self._mailbox = Mailbox(self.scenario.radio.latency, self.n_envs, self.n_uavs)
         self._samples_at_reset = self.scenario.action != "velocity"
         vehicle = self.scenario.vehicle
@@ -102,6 +106,16 @@ class World:
     def running(self) -> BoolArray:
         """(n_envs,) bool: which episodes go on."""
         return np.equal(self.episode["outcome"], RUNNING)
+
+    @property
+    def begun(self) -> BoolArray:
+        """(n_envs,) bool: which worlds have been reset at least once."""
+        return np.less_equal(self.episode["outcome"], ENDED)
+
+    @property
+    def hop_offsets(self) -> FloatArray:
+        """What each hop action moves by, hovering last: (26 l_max + 1, 3) m."""
+        return self._hop_table[:, :3]
 
     def reset(self, seeds: ArrayLike | Sequence[int], mask: BoolArray | None = None) -> None:
         """Begin the episodes with `seeds` (n_envs,) in the worlds of `mask` (n_envs,) bool; in all without a mask.
@@ -126,7 +140,7 @@ class World:
         begin(self.motion, self.ledger, self.senses, self.heard, self._sent, self.episode, self.constants, rows, chosen,
               first_hover)  # fmt: skip
         self._mailbox.clear(rows)
-        self._settle()
+        self._settle(is_step=False)
         if self._shaping:
             shape(self.motion, self.ledger, self.constants, self.source_position, self.rewards, rows, False)
 
@@ -146,27 +160,25 @@ class World:
         self.motion["position"][rows] = starts
         self.episode["wind"][rows] = self.scenario.wind.draw(seeds)
 
-    def _settle(self) -> None:
-        """What follows a flight or a reset in the worlds that took part: read the plume, sample, talk."""
+    def _settle(self, *, is_step: bool) -> None:
+        """What follows a flight or a reset in the worlds that took part: read the plume, sample, talk, end, reward."""
         s = self
         s.scenario.plume.read(s.motion, s.source_position, s.source_strength, s.episode, s.rates)
+        at_once = s._one_pass and is_step
         settle(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.rates, s.sampling_time, s.links, s.heard,
-               s._talks and s._to_all)  # fmt: skip
+               s._talks and s._to_all, s.rewards, s.team, at_once)  # fmt: skip
         if s._talks and not s._to_all:
             send_in_range(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.links, s.heard, s._sent,
                           s._reach, s._cursor)  # fmt: skip
             s._cursor = (s._cursor + 1) % s._sent.shape[2]
-        s._rows = None
-
-    def _finish(self) -> None:
-        """The end of a step: who has arrived, whose flight is over, and the rewards."""
-        s = self
-        s._settle()
-        if s._reaching:
+        if is_step and s._reaching:
             end_at_source(s.motion, s.ledger, s.episode, s.constants, s.source_position, s._stepping)
-        finish(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.rewards)
-        if s._shaping:
+        if is_step and not at_once:
+            finish(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.rewards, s.team)
+        if is_step and s._shaping:
             shape(s.motion, s.ledger, s.constants, s.source_position, s.rewards, s._all_rows, True)
+            s.team["reward"] = s.rewards.mean(axis=1)
+        s._rows = None
 
     def _judge(self, declarations: FloatArray | None) -> None:
         if declarations is not None and not self._reaching:
@@ -183,7 +195,7 @@ class World:
             own_places(s.motion, actions, declaring, s._declarations)
             s._judge(s._declarations)
         fly_hops(s.motion, s.ledger, s.episode, s.constants, s._stepping, actions, s._hop_table)
-        s._finish()
+        s._settle(is_step=True)
 
     def step_waypoints(self, targets: FloatArray, samples: IntArray, declarations: FloatArray | None = None) -> None:
         """One step of legs to `targets` (n_envs, n_uavs, 3) m with `samples` (n_envs, n_uavs) int64 at each end.
@@ -193,14 +205,14 @@ class World:
         s = self
         s._judge(declarations)
         fly_waypoints(s.motion, s.ledger, s.episode, s.constants, s._stepping, targets, samples)
-        s._finish()
+        s._settle(is_step=True)
 
     def step_velocities(self, velocities: FloatArray, declarations: FloatArray | None = None) -> None:
         """One decision period with `velocities` (n_envs, n_uavs, 3) m/s; `declarations` as in `step_waypoints`."""
         s = self
         s._judge(declarations)
         fly_velocities(s.motion, s.ledger, s.episode, s.constants, s._stepping, velocities)
-        s._finish()
+        s._settle(is_step=True)
 
     def observation(self, env: int, uav: int) -> Observation:
         """What UAV `uav` of world `env` may know now."""

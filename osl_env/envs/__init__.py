@@ -1,0 +1,1 @@
+"""The standard interfaces: thin views of `osl_env.world.World`."""

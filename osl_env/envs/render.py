@@ -1,0 +1,123 @@
+"""Pictures of an episode with matplotlib: the plume, the UAVs' tracks coloured by their readings, the source, a belief.
+
+The plume is shown by two slices through the first source, as shades of log10 of the mean hit rate: the horizontal one lies on the
+floor, the vertical one along the far wall. This is for people to look at: it shows the source, which no observation does.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from osl_env.parameters import FloatArray
+from osl_env.world import World
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_LOG_RATE_SHOWN = (-3.0, 0.5)  # decades of the hit rate, 1/s, that the slices shade
+_SLICE_POINTS = 60  # along the longer side
+_SOURCE_COLOUR = "#d62728"
+
+
+class TrackRecorder:
+    """Keeps where the UAVs of one world have been and what they read there, and draws it."""
+
+    def __init__(self, world: World, env: int = 0) -> None:
+        """Begin with the present state of world `env`, right after its reset."""
+        self.world, self.env = world, env
+        self.positions: list[FloatArray] = []
+        self.readings: list[FloatArray] = []
+        self.record()
+
+    def record(self) -> None:
+        """Note the present positions and readings."""
+        self.positions.append(self.world.motion["position"][self.env].copy())
+        self.readings.append(self.world.senses["reading"][self.env].copy())
+
+    def draw(self, particles: FloatArray | None = None, size: tuple[int, int] = (800, 600)) -> NDArray[np.uint8]:
+        """The scene as an RGB image (height, width, 3); `size` is (width, height) in pixels. `particles` (n, 3) m."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        figure = self.figure(particles, size)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        image: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba())[..., :3].copy()
+        return image
+
+    def figure(self, particles: FloatArray | None = None, size: tuple[int, int] = (800, 600)) -> Figure:
+        """The scene as a matplotlib figure of `size` (width, height) pixels."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100)
+        axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
+        figure.subplots_adjust(left=0.0, right=0.90, bottom=0.03, top=0.95)
+        area = self.world.scenario.arena.size
+        axes.set(xlim=(0, area[0]), ylim=(0, area[1]), zlim=(0, area[2]), xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+        axes.set_box_aspect(area)
+        axes.view_init(elev=28, azim=-58)
+        self._draw_plume(axes, figure)
+        self._draw_wind(axes)
+        if particles is not None:
+            axes.scatter(*particles.T, s=4, c="#555555", alpha=0.5, label="particles", zorder=3)
+        self._draw_tracks(axes)
+        sources = self.world.source_position[self.env]
+        axes.scatter(*sources.T, marker="*", s=160, c=_SOURCE_COLOUR, edgecolors="white", label="source", zorder=6)
+        clock = float(self.world.episode["clock"][self.env])
+        axes.set_title(f"{self.world.scenario.name}, {clock / 60:.1f} min", fontsize=11)
+        axes.legend(loc="upper left", fontsize=8)
+        return figure
+
+    def _slice(self, first: int, second: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Grids (m) and log10 hit rate of the slice that the axes `first` and `second` span through the first source."""
+        area = self.world.scenario.arena.size
+        points = _SLICE_POINTS
+        u, v = np.meshgrid(np.linspace(0, area[first], points), np.linspace(0, area[second], points), indexing="ij")
+        places = np.empty((points, points, 3))
+        places[:] = self.world.source_position[self.env, 0]
+        places[..., first], places[..., second] = u, v
+        rate = self.world.scenario.plume.field(
+            places, self.world.source_position[self.env], self.world.source_strength[self.env], self.world.episode["wind"][self.env]
+        )
+        low, high = _LOG_RATE_SHOWN
+        return u, v, np.clip(np.log10(np.maximum(rate, 1e-12)), low, high)
+
+    def _draw_plume(self, axes: Any, figure: Figure) -> None:
+        low, high = _LOG_RATE_SHOWN
+        levels = np.linspace(low, high, 15)
+        style = {"levels": levels, "cmap": "YlOrBr", "alpha": 0.75, "zorder": 0}
+        x, y, floor = self._slice(0, 1)
+        shades = axes.contourf(x, y, np.where(floor > low, floor, np.nan), zdir="z", offset=0, **style)
+        x, z, wall = self._slice(0, 2)
+        axes.contourf(
+            x, np.where(wall > low, wall, np.nan), z, zdir="y", offset=self.world.scenario.arena.size[1], **style
+        )
+        bar = figure.colorbar(shades, ax=axes, shrink=0.5, pad=0.12, ticks=[-3, -2, -1, 0])
+        bar.set_label("log10 of the mean hit rate (1/s)", fontsize=8)
+
+    def _draw_wind(self, axes: Any) -> None:
+        wind = self.world.episode["wind"][self.env]
+        speed = float(np.linalg.norm(wind))
+        if speed == 0:
+            return
+        area = self.world.scenario.arena.size
+        length = 0.15 * max(area)
+        start = np.array([0.12 * area[0], 0.85 * area[1], area[2]])
+        axes.quiver(*start, *(wind / speed * length), color="#1f77b4", arrow_length_ratio=0.3)
+        axes.text(*start, f" wind {speed:.1f} m/s", color="#1f77b4", fontsize=8)
+
+    def _draw_tracks(self, axes: Any) -> None:
+        tracks, readings = np.stack(self.positions, axis=1), np.stack(self.readings, axis=1)
+        for i, (track, reading) in enumerate(zip(tracks, readings, strict=True)):
+            colour = f"C{i % 10}"
+            axes.plot(*track.T, color=colour, linewidth=1.0, alpha=0.8, label=f"UAV {i}", zorder=4)
+            axes.scatter(*track[-1], color=colour, marker="o", s=40, edgecolors="black", zorder=6)
+            detected = reading > 0
+            if detected.any():
+                hits = np.minimum(reading[detected], 10)
+                axes.scatter(
+                    *track[detected].T, c=hits, cmap="autumn_r", vmin=0, vmax=10, s=12 + 4 * hits, edgecolors="black",
+                    linewidths=0.4, zorder=5, label="detections" if i == 0 else None,
+                )  # fmt: skip
