@@ -1,8 +1,9 @@
 """The one interface of all policies, scripted or learned: a policy is one UAV's controller.
 
-It knows its Briefing (what was told before take-off), its Observations and what the radio brings, and nothing else: it never sees the
-world. Two beats make a decision: `broadcast(observation)`, then `act(observation, inbox)`; then the runner
-asks for a `declaration()`. Policies are made by name (`make_policy`), copied for each UAV and reset for each episode.
+It knows its Briefing (what was told before take-off), its Observations and what the radio brings, and nothing else:
+it never sees the world. Two beats make a decision: `broadcast(observation)`, then `act(observation, inbox)`; then the
+runner asks for a `declaration()`. Policies are made by name (`make_policy`), copied for each UAV and reset for each
+episode.
 
 Third parties register a policy class under the entry point group `osl_env.policies`.
 """
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -101,17 +103,17 @@ class Policy(Parameters):
     vehicle_commands: ClassVar[Literal["leg", "velocity"]] = "leg"
     plume_quantities: ClassVar[tuple[str, ...]] = ("hit_rate",)  # the kinds of reading that it understands
 
+    @abstractmethod
     def reset(self, briefing: Briefing) -> None:
         """Start an episode with `briefing`; forgets everything of the one before."""
-        raise TypeError(f"{type(self).__name__} does not say how to reset")
 
     def broadcast(self, observation: Observation) -> bytes | None:
         """The payload of this decision's radio frame; None for none (position and reading are always sent)."""
         return None
 
+    @abstractmethod
     def act(self, observation: Observation, inbox: Sequence[Message]) -> Action:
         """The command for the next leg or period, given the frames heard since the last decision."""
-        raise TypeError(f"{type(self).__name__} does not say how to act")
 
     def belief(self) -> Belief | None:
         """The present belief about the source, if the policy holds one."""

@@ -1,7 +1,8 @@
 """What a UAV can be told to do, in physical units.
 
-`Hop`, `Waypoint` and `Hover` are legs (turn, fly, hover and sample) for the scenario's actions `hop` and `waypoint`; `Velocity` holds
-for one decision period. The views (`osl_env.envs`) translate the numbers that learned agents give into the same commands.
+`Hop`, `Waypoint` and `Hover` are legs (turn, fly, hover and sample) for the scenario's actions `hop` and `waypoint`;
+`Velocity` holds for one decision period. The views (`osl_env.envs`) translate the numbers that learned agents give
+into the same commands.
 """
 
 from __future__ import annotations

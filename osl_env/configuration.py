@@ -14,7 +14,7 @@ MAX_CONFIG_BYTES = 1_000_000
 
 
 def config_folder() -> Path:
-    """The folder of the shipped configurations: in the wheel `osl_env/configs`, in a source tree `configs` beside it."""
+    """The folder of the shipped configurations: `osl_env/configs` in the wheel, `configs` in a source tree."""
     inside = _PACKAGE / "configs"
     return inside if inside.is_dir() else _PACKAGE.parent / "configs"
 

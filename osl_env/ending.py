@@ -1,8 +1,9 @@
 """What ends an episode: declarations, reaching the source, empty batteries, the time limit.
 
-A declared position within `success_radius` of a source is a success, any other a false declaration; either ends the episode for
-the team. If several UAVs declare (or reach) in the same step, the one with the least search time of its own counts. A UAV whose
-battery is empty terminates; one that has used up its time or its decisions is truncated; when none is left, the episode is over.
+A declared position within `success_radius` of a source is a success, any other a false declaration; either ends the
+episode for the team. If several UAVs declare (or reach) in the same step, the one with the least search time of its
+own counts. A UAV whose battery is empty terminates; one that has used up its time or its decisions is truncated; when
+none is left, the episode is over.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def any_declares(actions: IntArray, threshold: int) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def own_places(motion: StateArray, actions: IntArray, threshold: int, declarations: FloatArray) -> None:
-    """Fill `declarations` (n_envs, n_uavs, 3) with the UAV's own place where its action declares, with NaN elsewhere."""
+    """Fill `declarations` (n_envs, n_uavs, 3) with the UAV's own place if its action declares, else with NaN."""
     for e in range(motion.shape[0]):
         for i in range(motion.shape[1]):
             for axis in range(3):
@@ -103,9 +104,10 @@ def end_at_source(
         winner, best = -1, math.inf
         for i in range(motion.shape[1] if stepping[e] else 0):
             m = motion[e, i]
-            if m.active and m.ready and not m.exhausted and ledger[e, i].search_time < best:
-                if nearest_source(m.position[0], m.position[1], m.position[2], sources, e) <= c.success_radius:
-                    winner, best = i, ledger[e, i].search_time
+            if not (m.active and m.ready) or m.exhausted or ledger[e, i].search_time >= best:
+                continue
+            if nearest_source(m.position[0], m.position[1], m.position[2], sources, e) <= c.success_radius:
+                winner, best = i, ledger[e, i].search_time
         if winner >= 0:
             _end_episode(motion, ledger, episode, c, e, SUCCESS, winner)
 
@@ -120,9 +122,7 @@ def end_flights(motion: Any, ledger: Any, episode: Any, c: Any, e: int) -> None:
             continue
         if m.ready:
             m.terminated = m.exhausted
-            m.truncated = not m.exhausted and (
-                book.search_time >= c.time_limit or book.decisions >= c.max_decisions
-            )
+            m.truncated = not m.exhausted and (book.search_time >= c.time_limit or book.decisions >= c.max_decisions)
             m.active = not (m.terminated or m.truncated)
         flying = flying or m.active
     if not flying and episode[e].outcome == RUNNING:

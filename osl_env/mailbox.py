@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-
 from osl_env.radio import Message
 from osl_env.state import IntArray
 

@@ -69,7 +69,7 @@ def exp(x: float) -> float:
     p = p * r + 0.5
     p = p * r + 1.0
     p = p * r + 1.0
-    return p * _bits_to_float((_float_to_bits(shifted) << _MANTISSA_BITS) + _ONE_BITS)
+    return float(p * _bits_to_float((_float_to_bits(shifted) << _MANTISSA_BITS) + _ONE_BITS))  # type: ignore[call-arg]
 
 
 @njit(inline="always")

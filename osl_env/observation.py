@@ -1,8 +1,8 @@
 """State -> what one UAV may know: the only gate between the world and its policies.
 
-One definition (`ObservationLayout`) lists every quantity with its size, unit and scale. From it come the physical `Observation` of the
-scripted policies and the flat, normalised vector in [-1, 1] of the learned ones: no quantity is in one that is not
-derived from the other. The source's position is not among them.
+One definition (`ObservationLayout`) lists every quantity with its size, unit and scale. From it come the physical
+`Observation` of the scripted policies and the flat, normalised vector in [-1, 1] of the learned ones: no quantity is
+in one that is not derived from the other. The source's position is not among them.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ class ObservationLayout:
             linear = field.normalised == "linear"
             scales = list(field.scale) * (field.size // len(field.scale))
             columns += [(x, field.offset, 0.0, 1.0) if linear else (1.0, 0.0, 1.0, x) for x in scales]
-        # both normalisations as one branch-free formula: (x * gain + offset) / (|x| * bend + base); (4, _BLOCK * flat_size)
-        # for each of _BLOCK rows, one after the other
+        # (4, _BLOCK * flat_size), the same for each of _BLOCK rows; both normalisations are one branch-free formula:
+        # (x * gain + offset) / (|x| * bend + base)
         self._transform = np.ascontiguousarray(np.tile(np.array(columns, dtype=np.float32).T, _BLOCK))
         area = scenario.arena.size
         self._numbers = np.array([*area, scenario.energy.capacity, scenario.ending.time_limit])
@@ -102,7 +102,9 @@ class ObservationLayout:
     def physical(self, world: Any) -> FloatArray:
         """The physical rows of every UAV: (n_envs, n_uavs, size)."""
         rows = np.empty((*world.motion.shape, self.size))
-        _physical(world.motion, world.ledger, world.senses, world.heard, world.episode, self._numbers, self.n_neighbours, rows)
+        _physical(
+            world.motion, world.ledger, world.senses, world.heard, world.episode, self._numbers, self.n_neighbours, rows
+        )
         return rows
 
     def flat(self, world: Any, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:

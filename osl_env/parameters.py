@@ -27,7 +27,7 @@ def quantity(default: Any, unit: str, *, infinite: bool = False, **limits: Any) 
 
     `default=...` makes it required; `infinite=True` allows an infinite value (no limit).
     """
-    extra = {"unit": unit, "infinite": infinite}
+    extra: dict[str, Any] = {"unit": unit, "infinite": infinite}
     return Field(default, json_schema_extra=extra, **limits)
 
 
@@ -92,7 +92,13 @@ def one_line(error: ValidationError, where: str | Path = "") -> InputError:
     if first["type"] == "extra_forbidden":
         text = f"unknown key {path!r}"
     elif first["type"] == "value_error":
-        text = f"{path}.{message}" if path and " = " in message.split(":")[0] else f"{path}: {message}" if path else message
+        text = (
+            f"{path}.{message}"
+            if path and " = " in message.split(":")[0]
+            else f"{path}: {message}"
+            if path
+            else message
+        )
     elif first["type"] == "missing":
         text = f"key {path!r} is missing"
     else:

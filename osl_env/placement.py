@@ -38,7 +38,9 @@ class Team(Parameters):
     @model_validator(mode="after")
     def _enough_starts(self) -> Team:
         if self.region is None and self.n_uavs > len(self.starts):
-            raise ValueError(f"n_uavs = {self.n_uavs}: only {len(self.starts)} starts are given; list more or set region")
+            raise ValueError(
+                f"n_uavs = {self.n_uavs}: only {len(self.starts)} starts are given; list more or set region"
+            )
         return self
 
 
@@ -62,7 +64,9 @@ class Sources(Parameters):
     def _strength_each(self) -> Sources:
         if self.strengths is not None:
             if len(self.strengths) != self.count:
-                raise ValueError(f"strengths = {list(self.strengths)}: must be one number for each of {self.count} sources")
+                raise ValueError(
+                    f"strengths = {list(self.strengths)}: must be one number for each of {self.count} sources"
+                )
             if min(self.strengths) <= 0:
                 raise ValueError(f"strengths = {list(self.strengths)}: every strength must be above 0")
         return self

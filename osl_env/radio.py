@@ -1,9 +1,9 @@
 """Radio: who hears whom, how late, and what it costs.
 
-At every decision a UAV sends one frame: its position and reading (4 numbers, 16 bytes) and its policy's payload. All UAVs within
-`radius` get it after `latency`, unless it is lost (independently for each receiver). Bytes and energy are charged to the
-sender whether anybody hears or not, except that a radio of radius 0 is off. E_T = P_T N_d / r_T (MUC-OSL eq 8). The paper states
-neither P_T nor r_T: the defaults are those of a 100 mW, 250 kbit/s telemetry link.
+At every decision a UAV sends one frame: its position and reading (4 numbers, 16 bytes) and its policy's payload. All
+UAVs within `radius` get it after `latency`, unless it is lost (independently for each receiver). Bytes and energy are
+charged to the sender whether anybody hears or not, except that a radio of radius 0 is off. E_T = P_T N_d / r_T
+(MUC-OSL eq 8). The paper states neither P_T nor r_T: the defaults are those of a 100 mW, 250 kbit/s telemetry link.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
 from numba import njit
 
 from osl_env.numerics import uniform
@@ -112,9 +111,9 @@ def send_in_range(
 ) -> None:
     """Send the frames of the worlds in `stepping` with a radio of limited radius, with latency or loss.
 
-    `links` (n_envs, sender, receiver): who gets this step's frame. `heard` (n_envs, receiver, sender): the newest frame of
-    each sender that has arrived. With latency, frames wait in `sent` (n_envs, sender, queue) with their receivers in `reach`
-    (n_envs, sender, queue, receiver); `cursor` is the slot of the queue that this step writes.
+    `links` (n_envs, sender, receiver): who gets this step's frame. `heard` (n_envs, receiver, sender): the newest
+    frame of each sender that has arrived. With latency, frames wait in `sent` (n_envs, sender, queue) with their
+    receivers in `reach` (n_envs, sender, queue, receiver); `cursor` is the slot of the queue that this step writes.
     """
     n_envs, n_uavs = motion.shape
     c = constants[0]

@@ -4,9 +4,9 @@
           + success * [the team found the source] + false_declaration * [the team declared wrongly]
           + shaping * ( discount * phi(next) - phi(now) ),   phi = -(distance to the nearest source, m), 0 at the end
 
-Every UAV gets the team's terms (success, false declaration) and its own of the others. The shaping is potential-based (Ng, Harada and
-Russell 1999): it leaves the optimal policy as it is. It uses the hidden source, so it is a training aid only: its weight is 0 by
-default, and evaluation never sets it.
+Every UAV gets the team's terms (success, false declaration) and its own of the others. The shaping is potential-based
+(Ng, Harada and Russell 1999): it leaves the optimal policy as it is. It uses the hidden source, so it is a training
+aid only: its weight is 0 by default, and evaluation never sets it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def shape(
     rows: IntArray,
     is_step: bool,
 ) -> None:
-    """Add the shaping term to `rewards` in the worlds `rows`; after a reset (not `is_step`), only note the potential."""
+    """Add the shaping term to `rewards` in the worlds `rows`; after a reset, only note the potential."""
     c = constants[0]
     for k in range(rows.size):
         e = rows[k]

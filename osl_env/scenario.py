@@ -97,7 +97,10 @@ class Scenario(Parameters):
         if self.sources.region is None or self.team.region is not None:
             return
         corners = [
-            (x, y, z) for x in _ends(self.sources.region, 0) for y in _ends(self.sources.region, 1) for z in _ends(self.sources.region, 2)
+            (x, y, z)
+            for x in _ends(self.sources.region, 0)
+            for y in _ends(self.sources.region, 1)
+            for z in _ends(self.sources.region, 2)
         ]
         starts = self.team.starts[: self.team.n_uavs]
         reach = max(min(sum((a - b) ** 2 for a, b in zip(c, s, strict=True)) ** 0.5 for s in starts) for c in corners)

@@ -1,8 +1,8 @@
 """What a UAV senses: hits of a counting gas sensor, and the wind.
 
-Poisson counter (MUC-OSL eq 3): p(d) = (R dt)^d / d! * exp(-R dt) with R the plume's hit rate. The counter may miss hits with a
-probability, count some that are none at a rate, and be blind for a dead time after each count (non-paralysable); its
-mean then is (R (1 - miss) + false) dt, less the dead time's losses.
+Poisson counter (MUC-OSL eq 3): p(d) = (R dt)^d / d! * exp(-R dt) with R the plume's hit rate. The counter may miss
+hits with a probability, count some that are none at a rate, and be blind for a dead time after each count
+(non-paralysable); its mean then is (R (1 - miss) + false) dt, less the dead time's losses.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The layout of a world's state: one structured array for each concern, batched over (n_envs, n_uavs).
 
-Parameters and state never mix: models are frozen, and everything that changes lives in these arrays, which `World` owns. Grouped by
-concern, so that a kernel touches only what it needs. Units are SI; shapes are those of one UAV.
+Parameters and state never mix: models are frozen, and everything that changes lives in these arrays, which `World`
+owns. Grouped by concern, so that a kernel touches only what it needs. Units are SI; shapes are those of one UAV.
 """
 
 from __future__ import annotations

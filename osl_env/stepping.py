@@ -1,7 +1,8 @@
 """The kernels of a step: one loop over the worlds of a batch, composed of the models' functions for one UAV or team.
 
-A step is `fly_*` (declarations, legs or periods, clocks), the plume's reading, and `settle` (samples, radio, endings, rewards). They
-are compiled once for all scenarios; what a scenario does not use is skipped by branches that never change.
+A step is `fly_*` (declarations, legs or periods, clocks), the plume's reading, and `settle` (samples, radio, endings,
+rewards). They are compiled once for all scenarios; what a scenario does not use is skipped by branches that never
+change.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ def fly_hops(
 ) -> None:
     """One step of hops in every running world: fly, and advance the clocks.
 
-    `actions` (n_envs, n_uavs) are rows of `table` (see `hop_table`). A hop that would leave the area is shortened to the longest one inside. Writes which worlds flew to `stepping`.
+    `actions` (n_envs, n_uavs) are rows of `table` (see `hop_table`). A hop that would leave the area is shortened to
+    the longest one inside. Writes which worlds flew to `stepping`.
     """
     n_envs, n_uavs = motion.shape
     c = constants[0]
@@ -69,8 +71,8 @@ def fly_waypoints(
 ) -> None:
     """One step of legs in every running world: fly, and advance the clocks.
 
-    Legs go to `targets` (n_envs, n_uavs, 3), m, clipped into the area, with `samples` (n_envs, n_uavs) samples at their ends.
-    Writes which worlds flew to `stepping`.
+    Legs go to `targets` (n_envs, n_uavs, 3), m, clipped into the area, with `samples` (n_envs, n_uavs) samples at
+    their ends. Writes which worlds flew to `stepping`.
     """
     n_envs, n_uavs = motion.shape
     c = constants[0]
@@ -142,7 +144,8 @@ def settle(
     team: StateArray,
     ends: bool,
 ) -> None:
-    """What follows a flight or a reset: samples; the radio, where a frame reaches all at once (`talks`); and, with `ends`, `finish`.
+    """What follows a flight or a reset: samples; the radio, where a frame reaches all at once (`talks`); and, with
+    `ends`, `finish`.
 
     One pass over the state instead of two where nothing has to come between samples and endings.
     """
@@ -172,7 +175,7 @@ def finish(
     rewards: FloatArray,
     team: StateArray,
 ) -> None:
-    """The end of a step: flights that are over, the rewards (n_envs, n_uavs), and what concerns the `team` (n_envs,)."""
+    """The end of a step: flights that are over, rewards (n_envs, n_uavs), and what concerns the `team` (n_envs,)."""
     c = constants[0]
     for e in range(motion.shape[0]):
         _finish_team(motion, ledger, senses, episode, c, stepping, rewards, team, e)

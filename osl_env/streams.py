@@ -18,6 +18,7 @@ from osl_env.errors import InputError
 from osl_env.numerics import GAMMA, mix
 
 MAX_SEED = 2**63 - 1
+_EPISODE = 8  # Purpose.EPISODE, for compiled code
 
 
 class Purpose(IntEnum):
@@ -45,7 +46,7 @@ def derive(seed: int, purpose: int, index: int) -> np.uint64:
 @njit(cache=True)
 def next_episode_seed(seed: int) -> int:
     """The seed of the episode that follows the one with `seed` when an environment is reset without one."""
-    return np.int64(derive(seed, 8, 0) >> np.uint64(1))
+    return np.int64(derive(seed, _EPISODE, 0) >> np.uint64(1))  # type: ignore[return-value]
 
 
 @njit(cache=True)

@@ -1,8 +1,8 @@
 """World: a batch of episodes of one scenario, advanced together.
 
-Composes the models: vehicles fly, the plume is read, sensors sample, the radio delivers, batteries end flights. State is
-batched (n_envs, n_uavs, ..) and owned here (layouts in `state.py`); physics is written once, over the batch. An episode
-is a function of (scenario, seed, actions) alone, whatever the batch, the row or the process.
+Composes the models: vehicles fly, the plume is read, sensors sample, the radio delivers, batteries end flights. State
+is batched (n_envs, n_uavs, ..) and owned here (layouts in `state.py`); physics is written once, over the batch. An
+episode is a function of (scenario, seed, actions) alone, whatever the batch, the row or the process.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ _MAX_STATE_BYTES = 16 * 2**30
 class World:
     """`n_envs` episodes of `scenario` (a name, a path or a Scenario), stepped together. Call `reset` first.
 
-    State to read, and never to write: `motion`, `ledger`, `senses` (n_envs, n_uavs), `heard` (n_envs, receiver, sender), `episode`
-    (n_envs,), `source_position` (n_envs, n_sources, 3) m, `rewards` (n_envs, n_uavs) and `team` (n_envs,) of the last step.
+    State to read, and never to write: `motion`, `ledger`, `senses` (n_envs, n_uavs), `heard` (n_envs, receiver,
+    sender), `episode` (n_envs,), `source_position` (n_envs, n_sources, 3) m, `rewards` (n_envs, n_uavs) and `team`
+    (n_envs,) of the last step.
     """
 
     def __init__(self, scenario: str | Scenario, n_envs: int = 1) -> None:
@@ -92,7 +93,9 @@ class World:
         self._samples_at_reset = self.scenario.action != "velocity"
         vehicle = self.scenario.vehicle
         in_periods = self.scenario.action == "velocity" and isinstance(vehicle, PointMass)
-        self.sampling_time = vehicle.decision_period if in_periods and isinstance(vehicle, PointMass) else vehicle.hover_time
+        self.sampling_time = (
+            vehicle.decision_period if in_periods and isinstance(vehicle, PointMass) else vehicle.hover_time
+        )
         self._rows: FloatArray | None = None
 
     def _queue_length(self) -> int:
@@ -105,12 +108,14 @@ class World:
     @property
     def running(self) -> BoolArray:
         """(n_envs,) bool: which episodes go on."""
-        return np.equal(self.episode["outcome"], RUNNING)
+        running: BoolArray = np.equal(self.episode["outcome"], RUNNING)
+        return running
 
     @property
     def begun(self) -> BoolArray:
         """(n_envs,) bool: which worlds have been reset at least once."""
-        return np.less_equal(self.episode["outcome"], ENDED)
+        begun: BoolArray = np.less_equal(self.episode["outcome"], ENDED)
+        return begun
 
     @property
     def hop_offsets(self) -> FloatArray:
@@ -165,8 +170,8 @@ class World:
         s = self
         s.scenario.plume.read(s.motion, s.source_position, s.source_strength, s.episode, s.rates)
         at_once = s._one_pass and is_step
-        settle(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.rates, s.sampling_time, s.links, s.heard,
-               s._talks and s._to_all, s.rewards, s.team, at_once)  # fmt: skip
+        settle(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.rates, s.sampling_time, s.links,
+               s.heard, s._talks and s._to_all, s.rewards, s.team, at_once)  # fmt: skip
         if s._talks and not s._to_all:
             send_in_range(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.links, s.heard, s._sent,
                           s._reach, s._cursor)  # fmt: skip
@@ -185,7 +190,8 @@ class World:
             judge(self.motion, self.ledger, self.episode, self.constants, self.source_position, declarations)
 
     def step_hops(self, actions: IntArray) -> None:
-        """One step of hops: `actions` (n_envs, n_uavs) int64, direction * l_max + length - 1; 26 l_max hovers; one more declares.
+        """One step of hops: `actions` (n_envs, n_uavs) int64, direction * l_max + length - 1; 26 l_max hovers; one
+        more declares.
 
         Not checked here: the views do that. UAVs that are not ready, and worlds that have ended, ignore theirs.
         """
@@ -220,7 +226,9 @@ class World:
 
     @property
     def physical(self) -> FloatArray:
-        """The physical rows of all observations now (n_envs, n_uavs, layout.size); the same array until the next step."""
+        """The physical rows of all observations now (n_envs, n_uavs, layout.size); the same array until the next
+        step.
+        """
         if self._rows is None:
             self._rows = self.layout.physical(self)
         return self._rows
@@ -230,8 +238,8 @@ class World:
     ) -> list[list[list[Message]]]:
         """Attach the policies' `payloads` to this step's frames: what every UAV has received, [env][uav] -> messages.
 
-        Charges the sender for its payload's bytes, and for `computed_bits` (n_envs, n_uavs), if given. A UAV that is not ready
-        sends nothing, and finds its messages at its next decision. Messages come in the order sent.
+        Charges the sender for its payload's bytes, and for `computed_bits` (n_envs, n_uavs), if given. A UAV that is
+        not ready sends nothing, and finds its messages at its next decision. Messages come in the order sent.
         """
         lengths = np.array([[len(payload or b"") for payload in team] for team in payloads], dtype=np.int64)
         lengths[~(self.motion["active"] & self.motion["ready"])] = 0

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec
 
+from osl_env.envs.render import TrackRecorder
 from osl_env.envs.spaces import ActionTranslator, flat_space, next_seed, physical_dict, physical_space
 from osl_env.errors import InputError
 from osl_env.scenario import Scenario, load_scenario
@@ -18,12 +19,12 @@ from osl_env.state import SUCCESS
 from osl_env.world import World
 
 
-class OdourSearchParallelEnv(ParallelEnv[str, Any, Any]):
+class OdourSearchParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
     """Agents `uav_0`, `uav_1`, ..: observations and actions as tabulated in the README.
 
-    `observation="flat"` gives normalised float32 vectors for learning, `"physical"` a Dict of named quantities in SI units. An
-    agent whose battery is empty terminates; one whose time or decisions are used up is truncated; a declaration (or,
-    under the rule `reach`, an arrival) terminates all that are left.
+    `observation="flat"` gives normalised float32 vectors for learning, `"physical"` a Dict of named quantities in SI
+    units. An agent whose battery is empty terminates; one whose time or decisions are used up is truncated; a
+    declaration (or, under the rule `reach`, an arrival) terminates all that are left.
     """
 
     metadata = {"name": "osl_env_v0", "render_modes": ["rgb_array"], "is_parallelizable": True, "render_fps": 4}  # noqa: RUF012
@@ -36,7 +37,7 @@ class OdourSearchParallelEnv(ParallelEnv[str, Any, Any]):
 
         `max_cycles` limits each UAV's decisions. Raises InputError for anything unknown.
         """
-        if render_mode not in (None, *self.metadata["render_modes"]):
+        if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
         if observation not in ("flat", "physical"):
             raise InputError(f"observation = {observation!r}: must be 'flat' or 'physical'")
@@ -57,13 +58,13 @@ class OdourSearchParallelEnv(ParallelEnv[str, Any, Any]):
         self.observation_spaces, self.action_spaces = self._spaces, self._action_spaces
         self.state_space = flat_space(layout.flat_size * self.world.n_uavs)
         box = self._translator.shape[2:]
-        self._actions = np.zeros(self._translator.shape, np.float64 if box else np.int64)
+        self._actions: NDArray[Any] = np.zeros(self._translator.shape, np.float64 if box else np.int64)
         self._index = {agent: i for i, agent in enumerate(self.possible_agents)}
         world = self.world  # views of what every step reads, made once
         self._view = {name: world.motion[name][0] for name in ("active", "terminated", "truncated")}
         self._view |= {name: world.ledger[name][0] for name in ("search_time", "spent")}
         self._view |= {name: world.episode[name] for name in ("clock", "outcome")} | {"rewards": world.rewards[0]}
-        self._recorder: Any = None
+        self._recorder: TrackRecorder | None = None
 
     @property
     def max_cycles(self) -> int:
@@ -93,8 +94,6 @@ class OdourSearchParallelEnv(ParallelEnv[str, Any, Any]):
         self.world.reset([next_seed(self.world, seed)])
         self.agents = self.possible_agents.copy()
         if self.render_mode is not None:
-            from osl_env.envs.render import TrackRecorder
-
             self._recorder = TrackRecorder(self.world)
         return self._observations(self.agents), self._infos(self.agents)
 
@@ -143,7 +142,8 @@ class OdourSearchParallelEnv(ParallelEnv[str, Any, Any]):
             action = np.asarray(_of(actions, agent))
             if action.shape != shape or action.dtype.kind != "f":
                 raise InputError(
-                    f"actions[{agent!r}]: must be floating point numbers of shape {shape}, not {action.dtype} {action.shape}"
+                    f"actions[{agent!r}]: must be floating point numbers of shape {shape},"
+                    f" not {action.dtype} of shape {action.shape}"
                 )
             if not (np.abs(action) <= 1.0).all():
                 raise InputError(f"actions[{agent!r}] = {action.tolist()}: must be finite and from -1 to 1")
@@ -158,7 +158,9 @@ class OdourSearchParallelEnv(ParallelEnv[str, Any, Any]):
         return {agent: flat[index[agent]] for agent in agents}
 
     def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
-        """Numbers with the same keys always: mission clock, own search time, energy spent, and whether the team succeeded."""
+        """Numbers with the same keys always: mission clock, own search time, energy spent, and whether the team
+        succeeded.
+        """
         view, index = self._view, self._index
         clock, success = view["clock"].item(), view["outcome"].item() == SUCCESS
         times, spent = view["search_time"].tolist(), view["spent"].tolist()
@@ -178,8 +180,8 @@ class OdourSearchParallelEnv(ParallelEnv[str, Any, Any]):
         return state
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The scene now as an RGB image (height, width, 3) uint8, with the tracks so far; None without a render mode."""
-        return None if self._recorder is None else self._recorder.draw()  # type: ignore[no-any-return]
+        """The scene as an RGB image (height, width, 3) uint8, with the tracks so far; None without a render mode."""
+        return None if self._recorder is None else self._recorder.draw()
 
     def close(self) -> None:
         """Nothing to release; may be called again and again."""
@@ -200,11 +202,15 @@ def type_copy(space: spaces.Space[Any]) -> spaces.Space[Any]:
     return spaces.Box(space.low, space.high, dtype=np.float32)
 
 
-def parallel_env(scenario: str | Scenario = "rate-100x60x30", *, render_mode: str | None = None, **arguments: Any) -> OdourSearchParallelEnv:
+def parallel_env(
+    scenario: str | Scenario = "rate-100x60x30", *, render_mode: str | None = None, **arguments: Any
+) -> OdourSearchParallelEnv:
     """The PettingZoo parallel environment of `scenario`; `arguments` as for `OdourSearchParallelEnv`."""
     return OdourSearchParallelEnv(scenario, render_mode=render_mode, **arguments)
 
 
-def env(scenario: str | Scenario = "rate-100x60x30", *, render_mode: str | None = None, **arguments: Any) -> AECEnv[str, Any, Any]:
+def env(
+    scenario: str | Scenario = "rate-100x60x30", *, render_mode: str | None = None, **arguments: Any
+) -> AECEnv[str, Any, Any]:
     """The same environment for PettingZoo's agent-by-agent API."""
     return parallel_to_aec(parallel_env(scenario, render_mode=render_mode, **arguments))

@@ -1,7 +1,8 @@
 """Pictures of an episode with matplotlib: the plume, the UAVs' tracks coloured by their readings, the source, a belief.
 
-The plume is shown by two slices through the first source, as shades of log10 of the mean hit rate: the horizontal one lies on the
-floor, the vertical one along the far wall. This is for people to look at: it shows the source, which no observation does.
+The plume is shown by two slices through the first source, as shades of log10 of the mean hit rate: the horizontal one
+lies on the floor, the vertical one along the far wall. This is for people to look at: it shows the source, which no
+observation does.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class TrackRecorder:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
         figure = self.figure(particles, size)
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         canvas.draw()
         image: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba())[..., :3].copy()
         return image
@@ -55,7 +56,9 @@ class TrackRecorder:
         axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
         figure.subplots_adjust(left=0.0, right=0.90, bottom=0.03, top=0.95)
         area = self.world.scenario.arena.size
-        axes.set(xlim=(0, area[0]), ylim=(0, area[1]), zlim=(0, area[2]), xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
+        axes.set(
+            xlim=(0, area[0]), ylim=(0, area[1]), zlim=(0, area[2]), xlabel="x (m)", ylabel="y (m)", zlabel="z (m)"
+        )
         axes.set_box_aspect(area)
         axes.view_init(elev=28, azim=-58)
         self._draw_plume(axes, figure)
@@ -71,7 +74,7 @@ class TrackRecorder:
         return figure
 
     def _slice(self, first: int, second: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Grids (m) and log10 hit rate of the slice that the axes `first` and `second` span through the first source."""
+        """Grids (m) and log10 hit rate of the slice that two axes span through the first source."""
         area = self.world.scenario.arena.size
         points = _SLICE_POINTS
         u, v = np.meshgrid(np.linspace(0, area[first], points), np.linspace(0, area[second], points), indexing="ij")
@@ -79,7 +82,10 @@ class TrackRecorder:
         places[:] = self.world.source_position[self.env, 0]
         places[..., first], places[..., second] = u, v
         rate = self.world.scenario.plume.field(
-            places, self.world.source_position[self.env], self.world.source_strength[self.env], self.world.episode["wind"][self.env]
+            places,
+            self.world.source_position[self.env],
+            self.world.source_strength[self.env],
+            self.world.episode["wind"][self.env],
         )
         low, high = _LOG_RATE_SHOWN
         return u, v, np.clip(np.log10(np.maximum(rate, 1e-12)), low, high)

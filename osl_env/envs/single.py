@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from osl_env.envs.render import TrackRecorder
 from osl_env.envs.spaces import ActionTranslator, flat_space, next_seed
 from osl_env.errors import InputError
 from osl_env.scenario import Scenario, load_scenario
@@ -25,7 +26,9 @@ def team_action_space(translator: ActionTranslator) -> spaces.Space[Any]:
 
 
 class TeamEnv(gym.Env[NDArray[np.float32], Any]):
-    """One world; the action is that of all UAVs in a row, the reward their mean, the observation all of theirs in a row."""
+    """One world; the action is that of all UAVs in a row, the reward their mean, the observation all of theirs in a
+    row.
+    """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012
 
@@ -33,15 +36,15 @@ class TeamEnv(gym.Env[NDArray[np.float32], Any]):
         self, scenario: str | Scenario = "rate-100x60x30", *, render_mode: str | None = None, **overrides: Any
     ) -> None:
         """`scenario` and `overrides` as for `load_scenario`. Raises InputError for anything unknown."""
-        if render_mode not in (None, *self.metadata["render_modes"]):
+        if render_mode not in (None, "rgb_array"):
             raise InputError(f"render_mode = {render_mode!r}: must be None or 'rgb_array'")
         self.scenario = load_scenario(scenario, **overrides)
         self.render_mode = render_mode
         self.world = World(self.scenario, 1)
         self._translator = ActionTranslator(self.world)
         self.action_space = team_action_space(self._translator)
-        self.observation_space = flat_space(self.world.layout.flat_size * self.world.n_uavs)
-        self._recorder: Any = None
+        self.observation_space: spaces.Space[Any] = flat_space(self.world.layout.flat_size * self.world.n_uavs)
+        self._recorder: TrackRecorder | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -50,8 +53,6 @@ class TeamEnv(gym.Env[NDArray[np.float32], Any]):
         super().reset(seed=seed)
         self.world.reset([next_seed(self.world, seed)])
         if self.render_mode is not None:
-            from osl_env.envs.render import TrackRecorder
-
             self._recorder = TrackRecorder(self.world)
         return self._observation(), self._info()
 
@@ -66,7 +67,13 @@ class TeamEnv(gym.Env[NDArray[np.float32], Any]):
         if self._recorder is not None:
             self._recorder.record()
         team = self.world.team[0]
-        return self._observation(), float(team["reward"]), bool(team["terminated"]), bool(team["truncated"]), self._info()
+        return (
+            self._observation(),
+            float(team["reward"]),
+            bool(team["terminated"]),
+            bool(team["truncated"]),
+            self._info(),
+        )
 
     def _observation(self) -> NDArray[np.float32]:
         flat: NDArray[np.float32] = self.world.layout.flat(self.world).reshape(-1)
@@ -81,9 +88,9 @@ class TeamEnv(gym.Env[NDArray[np.float32], Any]):
         masks: NDArray[np.bool_] = self._translator.masks().reshape(-1)
         return masks
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
-        """The scene now as an RGB image (height, width, 3) uint8, with the tracks so far; None without a render mode."""
-        return None if self._recorder is None else self._recorder.draw()  # type: ignore[no-any-return]
+    def render(self) -> NDArray[np.uint8] | None:
+        """The scene as an RGB image (height, width, 3) uint8, with the tracks so far; None without a render mode."""
+        return None if self._recorder is None else self._recorder.draw()
 
 
 class SoloEnv(TeamEnv):

@@ -1,10 +1,9 @@
 """Spaces of one UAV, and the translation of the numbers that learned agents give into commands.
 
-| action | space of one UAV | meaning |
-| --- | --- | --- |
-| `hop` | Discrete(26 l_max + 2) | direction * l_max + length - 1; 26 l_max: hover and sample again; 26 l_max + 1: declare |
-| `waypoint` | Box(-1, 1, (5,)) | target x, y, z over the area's sides; samples, from -1 (one) to 1 (`max_samples`); declare if above 0.95 |
-| `velocity` | Box(-1, 1, (4,)) | velocity x, y, z in units of the greatest speed; declare if above 0.95 |
+`hop`: Discrete(26 l_max + 2). direction * l_max + length - 1 hops; 26 l_max hovers and samples again; 26 l_max + 1
+declares. `waypoint`: Box(-1, 1, (5,)). Target x, y, z over the area's sides; samples, from -1 (one) to 1
+(`max_samples`); declares if above 0.95. `velocity`: Box(-1, 1, (4,)). Velocity x, y, z in units of the greatest speed;
+declares if above 0.95.
 
 To declare is to say "the source is here", at the UAV's own place. Under the rule `reach` declaring means nothing.
 """
@@ -29,7 +28,7 @@ DECLARE_ABOVE = 0.95  # the last component of a Box action declares beyond this
 
 
 def uav_action_space(scenario: Scenario) -> spaces.Space[Any]:
-    """The action space of one UAV (see the table above)."""
+    """The action space of one UAV (see above)."""
     if scenario.action == "hop":
         return spaces.Discrete(26 * scenario.vehicle.hop_lengths + 2)
     return spaces.Box(-1.0, 1.0, (5 if scenario.action == "waypoint" else 4,), np.float32)

@@ -22,9 +22,9 @@ from osl_env.world import World
 class TeamVectorEnv(VectorEnv[NDArray[np.float32], Any, NDArray[Any]]):
     """`num_envs` teams: sub-environment i behaves exactly as a `TeamEnv`, whatever the number of worlds.
 
-    Autoreset is NEXT_STEP (an ended world begins anew with the next step, which ignores its action and gives reward 0), SAME_STEP
-    (it begins anew at once; the last observation is in `infos["final_obs"]`) or DISABLED (use `options["reset_mask"]`). Each
-    UAV's own rewards of the last step are in `uav_rewards` (num_envs, n_uavs).
+    Autoreset is NEXT_STEP (an ended world begins anew with the next step, which ignores its action and gives reward
+    0), SAME_STEP (it begins anew at once; the last observation is in `infos["final_obs"]`) or DISABLED (use
+    `options["reset_mask"]`). Each UAV's own rewards of the last step are in `uav_rewards` (num_envs, n_uavs).
     """
 
     def __init__(

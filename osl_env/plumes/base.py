@@ -6,6 +6,7 @@ batched over worlds; a model without memory keeps an empty state.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import ClassVar, Literal
 
 from osl_env.parameters import FloatArray, Parameters
@@ -17,13 +18,15 @@ class PlumeModel(Parameters):
 
     measures: ClassVar[Literal["hit_rate", "concentration"]]
 
+    @abstractmethod
     def field(self, positions: FloatArray, sources: FloatArray, strengths: FloatArray, wind: FloatArray) -> FloatArray:
-        """Mean reading at `positions` (m, 3) m from `sources` (s, 3) m with relative `strengths` (s,) in `wind` (3,) m/s.
+        """Mean reading at `positions` (m, 3) m from `sources` (s, 3) m with relative `strengths` (s,) in `wind` (3,)
+        m/s.
 
         Returns (m,). For pictures and tests; the batched reading is `read`.
         """
-        raise TypeError(f"{type(self).__name__} has no mean field")
 
+    @abstractmethod
     def read(
         self,
         motion: StateArray,
@@ -34,7 +37,6 @@ class PlumeModel(Parameters):
     ) -> None:
         """Mean reading at every UAV of a batch of worlds, into `out` (n_envs, n_uavs).
 
-        `motion` (n_envs, n_uavs) and `episode` (n_envs,) are laid out as in `osl_env.state`; `sources` (n_envs, n_sources, 3) m;
-        `strengths` (n_envs, n_sources), relative.
+        `motion` (n_envs, n_uavs) and `episode` (n_envs,) are laid out as in `osl_env.state`; `sources` (n_envs,
+        n_sources, 3) m; `strengths` (n_envs, n_sources), relative.
         """
-        raise TypeError(f"{type(self).__name__} cannot be read")

@@ -3,11 +3,11 @@
     R(u | s) = a Q / |u - s| * exp( (u - s) . V / (2 D) ) * exp( -|u - s| / lambda )      (MUC-OSL eq 1)
     lambda   = sqrt( D tau / (1 + |V|^2 tau / (4 D)) )                                     (MUC-OSL eq 2)
 
-with V the wind velocity (where the air goes), written for any horizontal wind: eq 1 is printed for wind along -y. With
-no wind the drift factor is 1 and lambda = sqrt(D tau): the field is isotropic. Assumptions: open air without walls, a steady
-mean field, independent encounters. Only the product a Q can be told from hits, so it is one parameter,
-`source_strength`; the paper page's A = a Q dt is `source_strength` times the sampling time (1 s in the presets).
-|u - s| is clamped from below at `clamp_distance` in both factors, where the point-sensor formula diverges.
+with V the wind velocity (where the air goes), written for any horizontal wind: eq 1 is printed for wind along -y.
+With no wind the drift factor is 1 and lambda = sqrt(D tau): the field is isotropic. Assumptions: open air without
+walls, a steady mean field, independent encounters. Only the product a Q can be told from hits, so it is one
+parameter, `source_strength`; the paper page's A = a Q dt is `source_strength` times the sampling time (1 s in the
+presets). |u - s| is clamped from below at `clamp_distance` in both factors, where the point-sensor formula diverges.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from osl_env.numerics import exp
 from osl_env.parameters import FloatArray, quantity
 from osl_env.plumes.base import PlumeModel
 from osl_env.state import StateArray
-
 
 _BLOCK = 256  # UAVs whose rates are computed together
 
@@ -114,7 +113,14 @@ def _read(
                 u, v = wind[0, k], wind[1, k]
                 inverse_lambda = math.sqrt((1.0 + (u * u + v * v) * growth) * decay)
                 rates[k] += hit_rate(
-                    offset[0, k], offset[1, k], offset[2, k], half * u, half * v, inverse_lambda, strength[k], clamp_distance
+                    offset[0, k],
+                    offset[1, k],
+                    offset[2, k],
+                    half * u,
+                    half * v,
+                    inverse_lambda,
+                    strength[k],
+                    clamp_distance,
                 )
 
 

@@ -1,9 +1,10 @@
 """How legs are flown, on either clock, with the battery that may end them.
 
-A leg is: turn by any angle if its direction differs from the last flight's, fly straight, hover and sample. On the barrier clock the
-step ends when the slowest UAV is done and the others wait, hovering; on the event clock it ends with the next UAV that is done.
-Flight time with acceleration a and top speed v from rest to rest over d: d / v + v / a, or 2 sqrt(d / a) if the top speed is not
-reached; with infinite acceleration d / v. If the battery does not last, the leg is cut at the moment it is empty.
+A leg is: turn by any angle if its direction differs from the last flight's, fly straight, hover and sample. On the
+barrier clock the step ends when the slowest UAV is done and the others wait, hovering; on the event clock it ends
+with the next UAV that is done. Flight time with acceleration a and top speed v from rest to rest over d: d / v + v /
+a, or 2 sqrt(d / a) if the top speed is not reached; with infinite acceleration d / v. If the battery does not last,
+the leg is cut at the moment it is empty.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from numba import njit
 
 from osl_env.actions import HOP_DIRECTIONS
 from osl_env.parameters import FloatArray
-from osl_env.vehicles.base import Vehicle
 from osl_env.state import FLYING, HOVERING, TURNING, WAITING
+from osl_env.vehicles.base import Vehicle
 
 _SAME_DIRECTION = 1.0 - 1e-9  # cosine above which a leg needs no turn
 SAME_PLACE = 1e-9  # m, legs shorter than this hover
@@ -54,9 +55,18 @@ def _cut_by_battery(motion: Any, remaining: float, constants: Any) -> None:
 
 @njit(inline="always", error_model="numpy")
 def begin_leg(
-    motion: Any, ledger: Any, constants: Any, clock: float, x: float, y: float, z: float, distance: float, duration: float, samples: int
+    motion: Any,
+    ledger: Any,
+    constants: Any,
+    clock: float,
+    x: float,
+    y: float,
+    z: float,
+    distance: float,
+    duration: float,
+    samples: int,
 ) -> None:
-    """Plan one UAV's leg: `distance` m in `duration` s along the unit vector (x, y, z) to the target set; 0 m hovers."""
+    """Plan one UAV's leg: `distance` m in `duration` s along the unit vector (x, y, z); 0 m hovers."""
     heading = motion.heading
     motion.turns = 0
     motion.leg_turn = 0.0

@@ -2,9 +2,9 @@
 
     dv/dt = clip(v_command - v, |.| <= a dt) / dt,   dx/dt = v        integrated at `physics_step`
 
-At the bounds the position is held and the velocity component across them is lost. In velocity mode the UAV samples all
-the while; the reading is counted over the decision period at the place where the period ends. There are no turning points,
-so turning costs nothing beyond the flight.
+At the bounds the position is held and the velocity component across them is lost. In velocity mode the UAV samples
+all the while; the reading is counted over the decision period at the place where the period ends. There are no
+turning points, so turning costs nothing beyond the flight.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class PointMass(Vehicle):
         steps = self.decision_period / self.physics_step
         if abs(steps - round(steps)) > 1e-9 or steps < 1:
             raise ValueError(
-                f"physics_step = {self.physics_step}: must divide decision_period = {self.decision_period} s into whole steps"
+                f"physics_step = {self.physics_step}: must divide decision_period = {self.decision_period} s"
+                " into whole steps"
             )
         return self
 
@@ -74,7 +75,7 @@ def _substep(m: Any, book: Any, c: Any, u: Any, v: Any, w: Any, dt: Any) -> bool
             velocity[axis] = 0.0
         position[axis] = inside
     book.path += speed * dt
-    return alive
+    return bool(alive)
 
 
 @njit(error_model="numpy")
@@ -84,7 +85,7 @@ def fly_period(m: Any, book: Any, c: Any, u: float, v: float, w: float) -> None:
     if excess > 1.0:
         u, v, w = u / excess, v / excess, w / excess
     m.samples = 1
-    for _ in range(int(round(c.decision_period / c.physics_step))):
+    for _ in range(round(c.decision_period / c.physics_step)):
         if not _substep(m, book, c, u, v, w, c.physics_step):
             m.samples = 0
             break

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+
 from osl_env.parameters import FloatArray, Parameters
 from osl_env.state import IntArray
 
@@ -9,6 +11,6 @@ from osl_env.state import IntArray
 class Wind(Parameters):
     """Base of the wind models. Velocities point where the air goes."""
 
+    @abstractmethod
     def draw(self, seeds: IntArray) -> FloatArray:
         """Mean wind velocity (n, 3), m/s, of the episodes with `seeds` (n,)."""
-        raise TypeError(f"{type(self).__name__} cannot be drawn")
