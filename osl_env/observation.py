@@ -96,6 +96,7 @@ class ObservationLayout:
         # (4, _BLOCK * flat_size), the same for each of _BLOCK rows; both normalisations are one branch-free formula:
         # (x * gain + offset) / (|x| * bend + base)
         self._transform = np.ascontiguousarray(np.tile(np.array(columns, dtype=np.float32).T, _BLOCK))
+        self._to_all = scenario.radio.reaches_all
         area = scenario.arena.size
         self._numbers = np.array([*area, scenario.energy.capacity, scenario.ending.time_limit])
 
@@ -103,8 +104,9 @@ class ObservationLayout:
         """The physical rows of every UAV: (n_envs, n_uavs, size)."""
         rows = np.empty((*world.motion.shape, self.size))
         _physical(
-            world.motion, world.ledger, world.senses, world.heard, world.episode, self._numbers, self.n_neighbours, rows
-        )
+            world.motion, world.ledger, world.senses, world.heard, world.episode,
+            self._numbers, self.n_neighbours, self._to_all, rows,
+        )  # fmt: skip
         return rows
 
     def flat(self, world: Any, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
@@ -113,7 +115,7 @@ class ObservationLayout:
             out = np.empty((*world.motion.shape, self.flat_size), dtype=np.float32)
         _flat(
             world.motion, world.ledger, world.senses, world.heard, world.episode,
-            self._numbers, self.n_neighbours, self._transform, out,
+            self._numbers, self.n_neighbours, self._to_all, self._transform, out,
         )  # fmt: skip
         return out
 
@@ -214,17 +216,25 @@ def _write_row(motion: Any, ledger: Any, senses: Any, clock: float, numbers: Any
 
 @njit(inline="always", error_model="numpy")
 def _write_neighbours(
-    heard: Any, e: int, own: int, position: Any, clock: float, n_neighbours: int, row: Any, extra: Any
+    motion: Any,
+    senses: Any,
+    heard: Any,
+    to_all: bool,
+    e: int,
+    own: int,
+    clock: float,
+    n_neighbours: int,
+    row: Any,
+    extra: Any,
 ) -> None:
-    """The neighbour table of UAV `own`: the nearest heard ones, by insertion into the table."""
+    """The neighbour table of UAV `own` of world `e`: the nearest heard ones, by insertion into the table."""
+    position = motion[e, own].position
     count = 0
-    receiver = min(own, heard.shape[1] - 1)  # one copy serves all, if all hear the same
-    for j in range(heard.shape[2] if n_neighbours > 0 else 0):
-        frame = heard[e, receiver, j]
-        if j == own or not frame.known:
+    for j in range(motion.shape[1] if n_neighbours > 0 else 0):
+        if j == own or (not to_all and not heard[e, own, j].known):
             continue
-        dx, dy = frame.position[0] - position[0], frame.position[1] - position[1]
-        dz = frame.position[2] - position[2]
+        sent = motion[e, j].position if to_all else heard[e, own, j].position
+        dx, dy, dz = sent[0] - position[0], sent[1] - position[1], sent[2] - position[2]
         squared = dx * dx + dy * dy + dz * dz
         slot = count
         while slot > 0:
@@ -239,7 +249,12 @@ def _write_neighbours(
         if slot < n_neighbours:
             at = _DETECTIONS_END + slot * _NEIGHBOUR_SIZE
             row[at], row[at + 1], row[at + 2], row[at + 3] = 1.0, dx, dy, dz
-            row[at + 4], row[at + 5], row[at + 6] = frame.reading, frame.sampling_time, clock - frame.time
+            if to_all:
+                row[at + 4], row[at + 5] = senses[e, j].reading, senses[e, j].sampling_time
+                row[at + 6] = clock - senses[e, j].sent_time
+            else:
+                frame = heard[e, own, j]
+                row[at + 4], row[at + 5], row[at + 6] = frame.reading, frame.sampling_time, clock - frame.time
             extra[2 + slot] = float(j)
         count = min(count + 1, n_neighbours)
     for slot in range(count, n_neighbours):
@@ -258,6 +273,7 @@ def _physical(
     episode: StateArray,
     numbers: FloatArray,
     n_neighbours: int,
+    to_all: bool,
     rows: FloatArray,
 ) -> None:
     n_envs, n_uavs = motion.shape
@@ -265,9 +281,9 @@ def _physical(
     for e in range(n_envs):
         clock = episode[e].clock
         for i in range(n_uavs):
-            row, extra, m = rows[e, i, :width], rows[e, i, width:], motion[e, i]
-            _write_row(m, ledger[e, i], senses[e, i], clock, numbers, row, extra)
-            _write_neighbours(heard, e, i, m.position, clock, n_neighbours, row, extra)
+            row, extra = rows[e, i, :width], rows[e, i, width:]
+            _write_row(motion[e, i], ledger[e, i], senses[e, i], clock, numbers, row, extra)
+            _write_neighbours(motion, senses, heard, to_all, e, i, clock, n_neighbours, row, extra)
 
 
 @njit(cache=True, error_model="numpy")
@@ -279,6 +295,7 @@ def _flat(
     episode: StateArray,
     numbers: FloatArray,
     n_neighbours: int,
+    to_all: bool,
     transform: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
@@ -295,9 +312,9 @@ def _flat(
     for start in range(0, n, _BLOCK):
         count = min(_BLOCK, n - start)
         for b in range(count):
-            m, clock = motion[e, i], episode[e].clock
-            _write_row(m, ledger[e, i], senses[e, i], clock, numbers, rows[b], extra)
-            _write_neighbours(heard, e, i, m.position, clock, n_neighbours, rows[b], extra)
+            clock, row = episode[e].clock, rows[b]
+            _write_row(motion[e, i], ledger[e, i], senses[e, i], clock, numbers, row, extra)
+            _write_neighbours(motion, senses, heard, to_all, e, i, clock, n_neighbours, row, extra)
             i += 1
             if i == n_uavs:
                 e, i = e + 1, 0

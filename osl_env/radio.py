@@ -71,17 +71,16 @@ def _write_frame(frame: Any, m: Any, s: Any, clock: float) -> None:
 
 
 @njit(inline="always", error_model="numpy")
-def send_to_all(motion: Any, ledger: Any, senses: Any, clock: float, c: Any, links: Any, heard: Any, e: int) -> None:
-    """Send world `e`'s frames with a radio that reaches everybody at once: all receivers share one copy."""
+def send_to_all(motion: Any, ledger: Any, senses: Any, clock: float, c: Any, e: int) -> None:
+    """Send world `e`'s frames with a radio that reaches everybody at once.
+
+    Nothing is copied: what each sender was and read when it sent is what it is and read, until it sends again.
+    """
     for i in range(motion.shape[1]):
-        m = motion[e, i]
-        sends = m.active and m.ready
-        if sends:
+        if motion[e, i].active and motion[e, i].ready:
             ledger[e, i].messages += 1
             charge_bytes(ledger[e, i], c, c.header_bytes)
-            _write_frame(heard[e, 0, i], m, senses[e, i], clock)
-        for j in range(motion.shape[1]):
-            links[e, i, j] = sends and j != i and motion[e, j].active
+            senses[e, i].sent_time = clock
 
 
 @njit(inline="always", error_model="numpy")

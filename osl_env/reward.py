@@ -17,7 +17,7 @@ from typing import Any
 from numba import njit
 
 from osl_env.parameters import FloatArray, Parameters, quantity
-from osl_env.state import FALSE_DECLARATION, SUCCESS, IntArray, StateArray
+from osl_env.state import FALSE_DECLARATION, SUCCESS, BoolArray, StateArray
 
 
 class Reward(Parameters):
@@ -48,14 +48,15 @@ def shape(
     ledger: StateArray,
     constants: StateArray,
     sources: FloatArray,
+    stepping: BoolArray,
     rewards: FloatArray,
-    rows: IntArray,
     is_step: bool,
 ) -> None:
-    """Add the shaping term to `rewards` in the worlds `rows`; after a reset, only note the potential."""
+    """Add the shaping term to `rewards`; after a reset, only note the potential of the worlds in `stepping`."""
     c = constants[0]
-    for k in range(rows.size):
-        e = rows[k]
+    for e in range(motion.shape[0]):
+        if not (is_step or stepping[e]):
+            continue
         for i in range(motion.shape[1]):
             m, book = motion[e, i], ledger[e, i]
             phi = 0.0

@@ -20,12 +20,11 @@ ENERGY_KINDS = ("flying", "hovering", "turning", "waiting", "computing", "commun
 FLYING, HOVERING, TURNING, WAITING, COMPUTING, COMMUNICATING = range(len(ENERGY_KINDS))
 RUNNING, SUCCESS, FALSE_DECLARATION, ENDED = range(4)  # outcomes of an episode
 
-_F, _I, _B, _U = np.float64, np.int64, np.bool_, np.uint64
+_F, _I, _C, _B, _U = np.float64, np.int64, np.int32, np.bool_, np.uint64
 
 MOTION = np.dtype(  # (n_envs, n_uavs)
     [
         ("position", _F, (3,)),  # m
-        ("velocity", _F, (3,)),  # m/s; zero between legs
         ("heading", _F, (3,)),  # unit vector of the last flight; zero before the first
         ("target", _F, (3,)),  # m, end of the present leg
         ("leg_turn", _F),  # s, parts of the present leg's duration
@@ -33,13 +32,14 @@ MOTION = np.dtype(  # (n_envs, n_uavs)
         ("leg_hover", _F),
         ("leg_path", _F),  # m
         ("leg_end", _F),  # s, mission clock at which the leg is done
-        ("samples", _I),  # completed sampling times of the leg
-        ("turns", _I),  # 1 if the leg begins with a turn
+        ("samples", _C),  # completed sampling times of the leg
+        ("turns", _C),  # 1 if the leg begins with a turn
         ("active", _B),  # still flying in this episode
         ("ready", _B),  # its leg is done: it decides now
         ("exhausted", _B),  # its battery ends during this leg
         ("terminated", _B),
         ("truncated", _B),
+        ("velocity", _F, (3,)),  # m/s; zero between legs
     ],
     align=True,
 )
@@ -54,12 +54,12 @@ LEDGER = np.dtype(  # (n_envs, n_uavs)
         ("hovering_time", _F),
         ("waiting_time", _F),
         ("path", _F),  # m
-        ("turns", _I),
-        ("hovers", _I),  # hovering points (n_h of MUC-OSL eq 5)
-        ("flights", _I),
-        ("decisions", _I),
-        ("messages", _I),  # radio frames sent
         ("bytes", _I),  # sent
+        ("messages", _C),  # radio frames sent
+        ("turns", _C),
+        ("hovers", _C),  # hovering points (n_h of MUC-OSL eq 5)
+        ("flights", _C),
+        ("decisions", _C),
         ("rewarded_energy", _F),  # J, energy and search time up to which rewards have been paid
         ("rewarded_time", _F),
         ("potential", _F),  # of the shaping term
@@ -73,20 +73,21 @@ SENSES = np.dtype(  # (n_envs, n_uavs)
         ("wind", _F, (3,)),  # m/s, as measured
         ("reading", _F),  # hits or concentration of the last sample
         ("sampling_time", _F),  # s; 0: nothing sampled yet
+        ("gas_stream", _U),
+        ("sent_time", _F),  # s, mission clock at which the last frame was sent
+        ("detections", _C),  # so far
+        ("fresh", _B),  # the last sample was a detection and is of this step
         ("first_detection_time", _F),  # s, mission clock; NaN: none
         ("detection_time", _F, (DETECTION_MEMORY,)),
         ("detection_position", _F, (DETECTION_MEMORY, 3)),
         ("detection_reading", _F, (DETECTION_MEMORY,)),
-        ("detections", _I),  # so far
-        ("fresh", _B),  # the last sample was a detection and is of this step
-        ("gas_stream", _U),
         ("anemometer_stream", _U),
         ("radio_stream", _U),
     ],
     align=True,
 )
 
-FRAME = np.dtype(  # heard: (n_envs, receiver, sender); sent: (n_envs, sender, queue)
+FRAME = np.dtype(  # heard: (n_envs, receiver, sender); sent: (n_envs, sender, queue); unused if all hear all at once
     [
         ("position", _F, (3,)),  # m, of the sender when it sent
         ("reading", _F),

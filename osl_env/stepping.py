@@ -52,7 +52,7 @@ def fly_hops(
         for i in range(n_uavs):
             m = motion[e, i]
             if m.active and m.ready:
-                k = hop_inside(m, c.area, table, min(actions[e, i], hover), c.hop_lengths, hover)
+                k = hop_inside(m, c.area, table, actions[e, i], c.hop_lengths, hover)
                 for axis in range(3):
                     m.target[axis] = m.position[axis] + table[k, axis]
                 begin_leg(m, ledger[e, i], c, clock, table[k, 3], table[k, 4], table[k, 5], table[k, 6], table[k, 7], 1)
@@ -137,8 +137,6 @@ def settle(
     stepping: BoolArray,
     rates: FloatArray,
     sampling_time: float,
-    links: BoolArray,
-    heard: StateArray,
     talks: bool,
     rewards: FloatArray,
     team: StateArray,
@@ -159,7 +157,7 @@ def settle(
                 if motion[e, i].active and motion[e, i].ready:
                     sample(motion[e, i], s, episode[e], c, rates[e, i], sampling_time)
             if talks:
-                send_to_all(motion, ledger, senses, episode[e].clock, c, links, heard, e)
+                send_to_all(motion, ledger, senses, episode[e].clock, c, e)
         if ends:
             _finish_team(motion, ledger, senses, episode, c, stepping, rewards, team, e)
 
@@ -227,7 +225,7 @@ def begin(
             m, book, s = motion[e, i], ledger[e, i], senses[e, i]
             _begin_motion(m, first_hover)
             _begin_ledger(book, m, c, first_hover)
-            s.reading = s.sampling_time = 0.0
+            s.reading = s.sampling_time = s.sent_time = 0.0
             s.first_detection_time = np.nan
             s.detections = 0
             s.gas_stream = derive(seeds[k], _SENSOR, i)
@@ -235,7 +233,7 @@ def begin(
             s.radio_stream = derive(seeds[k], _RADIO, i)
             for j in range(heard.shape[1]):
                 heard[e, j, i].known = False
-            for q in range(sent.shape[2]):
+            for q in range(sent.shape[2] if sent.shape[1] > 0 else 0):
                 sent[e, i, q].known = False
 
 

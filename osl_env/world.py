@@ -12,14 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from osl_env.ending import any_declares, end_at_source, judge, own_places
+from osl_env.block import BLOCK_BYTES, Block, Rules
 from osl_env.errors import InputError
 from osl_env.mailbox import Mailbox
 from osl_env.observation import Observation, ObservationLayout
 from osl_env.parameters import FloatArray
 from osl_env.placement import draw_places
-from osl_env.radio import HEADER_BYTES, Message, send_in_range
-from osl_env.reward import shape
+from osl_env.radio import HEADER_BYTES, Message
 from osl_env.scenario import Scenario, load_scenario
 from osl_env.state import (
     CONSTANTS,
@@ -35,7 +34,7 @@ from osl_env.state import (
     IntArray,
     StateArray,
 )
-from osl_env.stepping import begin, charge_payloads, finish, fly_hops, fly_velocities, fly_waypoints, settle
+from osl_env.stepping import begin, charge_payloads
 from osl_env.streams import check_seed
 from osl_env.vehicles.legs import hop_table
 from osl_env.vehicles.point_mass import PointMass
@@ -67,36 +66,64 @@ class World:
         self.senses: StateArray = np.zeros(shape, SENSES)
         self.episode: StateArray = np.zeros(self.n_envs, EPISODE)
         self.episode["outcome"] = ENDED + 1  # not begun: only a reset starts an episode
-        receivers = 1 if self.scenario.radio.reaches_all else self.n_uavs  # all hear the same: one copy serves them all
-        self.heard: StateArray = np.zeros((self.n_envs, receivers, self.n_uavs), FRAME)
-        self.links: BoolArray = np.zeros((*shape, self.n_uavs), np.bool_)
-        queue = self._queue_length()
-        self._sent: StateArray = np.zeros((*shape, queue), FRAME)
-        self._reach: BoolArray = np.zeros((*shape, queue, self.n_uavs), np.bool_)
-        self._cursor = 0
-        sources = self.scenario.sources
+        self._place_arrays(shape)
+        self._cursor = 0  # slot of the radio's queue that the next step writes
+        self._rules = self._make_rules()
+        per_block = max(1, BLOCK_BYTES // (self.n_uavs * (MOTION.itemsize + LEDGER.itemsize + SENSES.itemsize)))
+        self._blocks = [
+            (slice(k, k + per_block), self._block(slice(k, k + per_block))) for k in range(0, self.n_envs, per_block)
+        ]
+        self._mailbox = Mailbox(self.scenario.radio.latency, self.n_envs, self.n_uavs)
+        self._rows: FloatArray | None = None
+
+    def _place_arrays(self, shape: tuple[int, int]) -> None:
+        """Allocate what depends on the number of sources and on the radio."""
+        sources, radio = self.scenario.sources, self.scenario.radio
         self.source_position: FloatArray = np.zeros((self.n_envs, sources.count, 3))
         self.source_strength: FloatArray = np.ones((self.n_envs, sources.count)) * np.array(sources.strengths or 1.0)
         self.rates: FloatArray = np.zeros(shape)
         self.rewards: FloatArray = np.zeros(shape)
         self.team: StateArray = np.zeros(self.n_envs, TEAM)
         self._stepping: BoolArray = np.zeros(self.n_envs, np.bool_)
-        self._hop_table = hop_table(self.scenario.vehicle)
-        self._declarations: FloatArray = np.full((*shape, 3), np.nan)
-        self._all_rows: IntArray = np.arange(self.n_envs)
-        self._talks = self.scenario.radio.radius > 0 and self.n_uavs > 1
-        self._to_all = self.scenario.radio.reaches_all
-        self._reaching = self.scenario.ending.success == "reach"
-        self._shaping = self.scenario.reward.shaping > 0
-        self._one_pass = (self._to_all or not self._talks) and not self._reaching
-        self._mailbox = Mailbox(self.scenario.radio.latency, self.n_envs, self.n_uavs)
-        self._samples_at_reset = self.scenario.action != "velocity"
-        vehicle = self.scenario.vehicle
-        in_periods = self.scenario.action == "velocity" and isinstance(vehicle, PointMass)
-        self.sampling_time = (
-            vehicle.decision_period if in_periods and isinstance(vehicle, PointMass) else vehicle.hover_time
+        pairs = (self.n_envs, 0, 0) if radio.reaches_all else (*shape, self.n_uavs)  # none if all hear all at once
+        queue = self._queue_length()
+        self.heard: StateArray = np.zeros(pairs, FRAME)
+        self._links: BoolArray = np.zeros(pairs, np.bool_)
+        self._sent: StateArray = np.zeros((*pairs[:2], queue), FRAME)
+        self._reach: BoolArray = np.zeros((*pairs[:2], queue, pairs[2]), np.bool_)
+
+    def _make_rules(self) -> Rules:
+        scenario, vehicle = self.scenario, self.scenario.vehicle
+        in_periods = scenario.action == "velocity" and isinstance(vehicle, PointMass)
+        return Rules(
+            constants=self.constants,
+            plume=scenario.plume,
+            hop_table=hop_table(vehicle),
+            sampling_time=scenario.decision_time if in_periods else vehicle.hover_time,
+            talks=scenario.radio.radius > 0 and self.n_uavs > 1,
+            to_all=scenario.radio.reaches_all,
+            reaching=scenario.ending.success == "reach",
+            shaping=scenario.reward.shaping > 0,
         )
-        self._rows: FloatArray | None = None
+
+    def _block(self, rows: slice) -> Block:
+        return Block(
+            rules=self._rules,
+            motion=self.motion[rows],
+            ledger=self.ledger[rows],
+            senses=self.senses[rows],
+            episode=self.episode[rows],
+            sources=self.source_position[rows],
+            strengths=self.source_strength[rows],
+            stepping=self._stepping[rows],
+            rates=self.rates[rows],
+            rewards=self.rewards[rows],
+            team=self.team[rows],
+            links=self._links[rows],
+            heard=self.heard[rows],
+            sent=self._sent[rows],
+            reach=self._reach[rows],
+        )
 
     def _queue_length(self) -> int:
         latency = self.scenario.radio.latency
@@ -118,9 +145,18 @@ class World:
         return begun
 
     @property
+    def links(self) -> BoolArray:
+        """(n_envs, sender, receiver) bool: who gets the frames of the last step."""
+        if not self._rules.to_all:
+            return self._links
+        sends = self.motion["active"] & self.motion["ready"] & self._rules.talks
+        pairs: BoolArray = sends[:, :, None] & self.motion["active"][:, None, :] & ~np.eye(self.n_uavs, dtype=np.bool_)
+        return pairs
+
+    @property
     def hop_offsets(self) -> FloatArray:
         """What each hop action moves by, hovering last: (26 l_max + 1, 3) m."""
-        return self._hop_table[:, :3]
+        return self._rules.hop_table[:, :3]
 
     def reset(self, seeds: ArrayLike | Sequence[int], mask: BoolArray | None = None) -> None:
         """Begin the episodes with `seeds` (n_envs,) in the worlds of `mask` (n_envs,) bool; in all without a mask.
@@ -141,13 +177,14 @@ class World:
         stepping[:] = False
         stepping[rows] = True
         self._place(rows, chosen)
-        first_hover = self.sampling_time if self._samples_at_reset else 0.0
+        first_hover = 0.0 if self.scenario.action == "velocity" else self._rules.sampling_time
         begin(self.motion, self.ledger, self.senses, self.heard, self._sent, self.episode, self.constants, rows, chosen,
               first_hover)  # fmt: skip
         self._mailbox.clear(rows)
-        self._settle(is_step=False)
-        if self._shaping:
-            shape(self.motion, self.ledger, self.constants, self.source_position, self.rewards, rows, False)
+        for worlds, block in self._blocks:
+            if stepping[worlds].any():
+                block.settle(self._cursor, is_step=False)
+        self._advance()
 
     def _place(self, rows: IntArray, seeds: IntArray) -> None:
         team, sources = self.scenario.team, self.scenario.sources
@@ -165,29 +202,9 @@ class World:
         self.motion["position"][rows] = starts
         self.episode["wind"][rows] = self.scenario.wind.draw(seeds)
 
-    def _settle(self, *, is_step: bool) -> None:
-        """What follows a flight or a reset in the worlds that took part: read the plume, sample, talk, end, reward."""
-        s = self
-        s.scenario.plume.read(s.motion, s.source_position, s.source_strength, s.episode, s.rates)
-        at_once = s._one_pass and is_step
-        settle(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.rates, s.sampling_time, s.links,
-               s.heard, s._talks and s._to_all, s.rewards, s.team, at_once)  # fmt: skip
-        if s._talks and not s._to_all:
-            send_in_range(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.links, s.heard, s._sent,
-                          s._reach, s._cursor)  # fmt: skip
-            s._cursor = (s._cursor + 1) % s._sent.shape[2]
-        if is_step and s._reaching:
-            end_at_source(s.motion, s.ledger, s.episode, s.constants, s.source_position, s._stepping)
-        if is_step and not at_once:
-            finish(s.motion, s.ledger, s.senses, s.episode, s.constants, s._stepping, s.rewards, s.team)
-        if is_step and s._shaping:
-            shape(s.motion, s.ledger, s.constants, s.source_position, s.rewards, s._all_rows, True)
-            s.team["reward"] = s.rewards.mean(axis=1)
-        s._rows = None
-
-    def _judge(self, declarations: FloatArray | None) -> None:
-        if declarations is not None and not self._reaching:
-            judge(self.motion, self.ledger, self.episode, self.constants, self.source_position, declarations)
+    def _advance(self) -> None:
+        self._cursor = (self._cursor + 1) % self._sent.shape[2]
+        self._rows = None
 
     def step_hops(self, actions: IntArray) -> None:
         """One step of hops: `actions` (n_envs, n_uavs) int64, direction * l_max + length - 1; 26 l_max hovers; one
@@ -195,30 +212,25 @@ class World:
 
         Not checked here: the views do that. UAVs that are not ready, and worlds that have ended, ignore theirs.
         """
-        s = self
-        declaring = 26 * s.scenario.vehicle.hop_lengths + 1
-        if any_declares(actions, declaring):
-            own_places(s.motion, actions, declaring, s._declarations)
-            s._judge(s._declarations)
-        fly_hops(s.motion, s.ledger, s.episode, s.constants, s._stepping, actions, s._hop_table)
-        s._settle(is_step=True)
+        for worlds, block in self._blocks:
+            block.hop(actions[worlds], self._cursor)
+        self._advance()
 
     def step_waypoints(self, targets: FloatArray, samples: IntArray, declarations: FloatArray | None = None) -> None:
         """One step of legs to `targets` (n_envs, n_uavs, 3) m with `samples` (n_envs, n_uavs) int64 at each end.
 
         `declarations` (n_envs, n_uavs, 3) m, NaN where there is none, are judged first and end their episodes.
         """
-        s = self
-        s._judge(declarations)
-        fly_waypoints(s.motion, s.ledger, s.episode, s.constants, s._stepping, targets, samples)
-        s._settle(is_step=True)
+        for worlds, block in self._blocks:
+            declared = None if declarations is None else declarations[worlds]
+            block.fly_to(targets[worlds], samples[worlds], declared, self._cursor)
+        self._advance()
 
     def step_velocities(self, velocities: FloatArray, declarations: FloatArray | None = None) -> None:
         """One decision period with `velocities` (n_envs, n_uavs, 3) m/s; `declarations` as in `step_waypoints`."""
-        s = self
-        s._judge(declarations)
-        fly_velocities(s.motion, s.ledger, s.episode, s.constants, s._stepping, velocities)
-        s._settle(is_step=True)
+        for worlds, block in self._blocks:
+            block.fly_with(velocities[worlds], None if declarations is None else declarations[worlds], self._cursor)
+        self._advance()
 
     def observation(self, env: int, uav: int) -> Observation:
         """What UAV `uav` of world `env` may know now."""

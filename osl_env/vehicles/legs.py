@@ -99,7 +99,7 @@ def charge_leg(motion: Any, ledger: Any, constants: Any, share: float) -> None:
     turning = 0.0
     if motion.turns > 0:
         begun = motion.leg_turn / constants.turn_time if constants.turn_time > 0.0 else 1.0
-        turning = share * constants.turn_energy * begun
+        turning = min(share * constants.turn_energy * begun, max(0.0, constants.capacity - ledger.spent))
     flying = share * motion.leg_flight * constants.flying_power
     hovering = share * motion.leg_hover * constants.hovering_power
     ledger.energy[TURNING] += turning
@@ -152,8 +152,7 @@ def advance_clock(motion: Any, ledger: Any, episode: Any, constants: Any, e: int
         m = motion[e, i]
         if m.active and not m.ready and m.leg_end <= clock + _SAME_TIME:
             _complete_leg(m, ledger[e, i], constants)
-            if clock > m.leg_end + _SAME_TIME and not m.exhausted:
-                _wait(m, ledger[e, i], constants, clock - m.leg_end)
+            _wait(m, ledger[e, i], constants, 0.0 if m.exhausted else max(0.0, clock - m.leg_end))
     episode[e].clock = clock
 
 
@@ -174,13 +173,18 @@ def hop_table(vehicle: Vehicle) -> FloatArray:
 
 
 @njit(inline="always", error_model="numpy")
+def _ends_inside(m: Any, area: Any, table: Any, action: int) -> bool:
+    u, v, w = m.position[0] + table[action, 0], m.position[1] + table[action, 1], m.position[2] + table[action, 2]
+    return bool((u >= 0.0) & (u <= area[0]) & (v >= 0.0) & (v <= area[1]) & (w >= 0.0) & (w <= area[2]))
+
+
+@njit(inline="always", error_model="numpy")
 def hop_inside(m: Any, area: Any, table: Any, action: int, hop_lengths: int, hover: int) -> int:
     """The hop itself if it ends inside the area, else the longest one in its direction that does, else hovering."""
-    x, y, z = m.position[0], m.position[1], m.position[2]
-    shortest = action - action % hop_lengths if action < hover else hover
-    while action < hover:
-        u, v, w = x + table[action, 0], y + table[action, 1], z + table[action, 2]
-        if 0.0 <= u <= area[0] and 0.0 <= v <= area[1] and 0.0 <= w <= area[2]:
-            return action
-        action = action - 1 if action > shortest else hover
+    if action >= hover or _ends_inside(m, area, table, action):
+        return min(action, hover)
+    shortest = action - action % hop_lengths
+    for shorter in range(action - 1, shortest - 1, -1):
+        if _ends_inside(m, area, table, shorter):
+            return shorter
     return hover

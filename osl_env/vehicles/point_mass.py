@@ -59,7 +59,7 @@ def _substep(m: Any, book: Any, c: Any, u: Any, v: Any, w: Any, dt: Any) -> bool
     remaining = c.capacity - book.spent
     alive = power * dt < remaining
     if not alive:
-        dt = max(remaining, 0.0) / power
+        dt = max(remaining, 0.0) / power if power > 0.0 else 0.0
         m.exhausted = True
     book.energy[FLYING if flying else HOVERING] += power * dt
     book.spent += power * dt
@@ -68,13 +68,15 @@ def _substep(m: Any, book: Any, c: Any, u: Any, v: Any, w: Any, dt: Any) -> bool
         book.flying_time += dt
     else:
         book.hovering_time += dt
+    squared = 0.0
     for axis in range(3):
         x = position[axis] + velocity[axis] * dt
         inside = min(max(x, 0.0), c.area[axis])
         if inside != x:
             velocity[axis] = 0.0
+        squared += (inside - position[axis]) ** 2
         position[axis] = inside
-    book.path += speed * dt
+    book.path += math.sqrt(squared)
     return bool(alive)
 
 

@@ -1,0 +1,106 @@
+"""A run of worlds that fits a processor's cache, stepped as a whole before the next one.
+
+Every step makes several passes over the state (fly, read the plume, sample and settle). Over thousands of worlds, each
+pass would fetch everything from memory again; over a block it stays in the cache. A block holds views of the World's
+arrays, so nothing is copied, and what a world does depends on no other world: blocks change nothing but the speed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from osl_env.ending import any_declares, end_at_source, judge, own_places
+from osl_env.parameters import FloatArray
+from osl_env.plumes.base import PlumeModel
+from osl_env.radio import send_in_range
+from osl_env.reward import shape
+from osl_env.state import BoolArray, IntArray, StateArray
+from osl_env.stepping import finish, fly_hops, fly_velocities, fly_waypoints, settle
+
+BLOCK_BYTES = 400_000  # of state in a block: well within a second-level cache of 1 MB
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What is the same for all blocks of a World."""
+
+    constants: StateArray
+    plume: PlumeModel
+    hop_table: FloatArray  # (26 l_max + 1, 8)
+    sampling_time: float  # s
+    talks: bool  # there is a radio
+    to_all: bool  # and its frames reach everybody at once
+    reaching: bool  # success is to reach a source
+    shaping: bool  # the shaping term is on
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Views of the state of some worlds; arrays as in `World`."""
+
+    rules: Rules
+    motion: StateArray
+    ledger: StateArray
+    senses: StateArray
+    episode: StateArray
+    sources: FloatArray
+    strengths: FloatArray
+    stepping: BoolArray
+    rates: FloatArray
+    rewards: FloatArray
+    team: StateArray
+    links: BoolArray
+    heard: StateArray
+    sent: StateArray
+    reach: BoolArray
+
+    def hop(self, actions: IntArray, cursor: int) -> None:
+        """One step of hops; see `World.step_hops`."""
+        b, rules = self, self.rules
+        declaring = len(rules.hop_table)
+        if any_declares(actions, declaring):
+            declarations = np.empty((*b.motion.shape, 3))
+            own_places(b.motion, actions, declaring, declarations)
+            b.judge(declarations)
+        fly_hops(b.motion, b.ledger, b.episode, rules.constants, b.stepping, actions, rules.hop_table)
+        b.settle(cursor, is_step=True)
+
+    def fly_to(self, targets: FloatArray, samples: IntArray, declarations: FloatArray | None, cursor: int) -> None:
+        """One step of legs; see `World.step_waypoints`."""
+        b = self
+        b.judge(declarations)
+        fly_waypoints(b.motion, b.ledger, b.episode, b.rules.constants, b.stepping, targets, samples)
+        b.settle(cursor, is_step=True)
+
+    def fly_with(self, velocities: FloatArray, declarations: FloatArray | None, cursor: int) -> None:
+        """One decision period; see `World.step_velocities`."""
+        b = self
+        b.judge(declarations)
+        fly_velocities(b.motion, b.ledger, b.episode, b.rules.constants, b.stepping, velocities)
+        b.settle(cursor, is_step=True)
+
+    def judge(self, declarations: FloatArray | None) -> None:
+        """Judge what is declared, if declarations count."""
+        if declarations is not None and not self.rules.reaching:
+            judge(self.motion, self.ledger, self.episode, self.rules.constants, self.sources, declarations)
+
+    def settle(self, cursor: int, *, is_step: bool) -> None:
+        """What follows a flight or a reset in the worlds that took part: read the plume, sample, talk, end, reward."""
+        b, rules = self, self.rules
+        rules.plume.read(b.motion, b.sources, b.strengths, b.episode, b.rates)
+        in_range = rules.talks and not rules.to_all
+        at_once = is_step and not in_range and not rules.reaching
+        settle(b.motion, b.ledger, b.senses, b.episode, rules.constants, b.stepping, b.rates, rules.sampling_time,
+               rules.talks and rules.to_all, b.rewards, b.team, at_once)  # fmt: skip
+        if in_range:
+            send_in_range(b.motion, b.ledger, b.senses, b.episode, rules.constants, b.stepping, b.links, b.heard,
+                          b.sent, b.reach, cursor)  # fmt: skip
+        if is_step and rules.reaching:
+            end_at_source(b.motion, b.ledger, b.episode, rules.constants, b.sources, b.stepping)
+        if is_step and not at_once:
+            finish(b.motion, b.ledger, b.senses, b.episode, rules.constants, b.stepping, b.rewards, b.team)
+        if rules.shaping:
+            shape(b.motion, b.ledger, rules.constants, b.sources, b.stepping, b.rewards, is_step)
+            b.team["reward"] = b.rewards.mean(axis=1)
