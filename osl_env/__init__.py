@@ -14,6 +14,7 @@ from osl_env.envs.parallel import env, parallel_env
 from osl_env.envs.registration import register_envs
 from osl_env.envs.vector import make_vec
 from osl_env.errors import InputError
+from osl_env.kernel_cache import drop_stale_kernels
 from osl_env.observation import Observation
 from osl_env.record import EpisodeRecord
 from osl_env.scenario import Scenario, load_scenario, scenario_names
@@ -24,6 +25,7 @@ try:
 except PackageNotFoundError:  # a source tree that has not been installed
     __version__ = "0+unknown"
 
+drop_stale_kernels()  # before the first kernel is called, which is when numba looks for it
 register_envs()
 
 __all__ = [

@@ -215,6 +215,13 @@ def _write_row(motion: Any, ledger: Any, senses: Any, clock: float, numbers: Any
 
 
 @njit(inline="always", error_model="numpy")
+def _squared(dx: Any, dy: Any, dz: Any) -> Any:
+    """Squared distance in single precision: both forms of an observation must order their neighbours alike."""
+    u, v, w = np.float32(dx), np.float32(dy), np.float32(dz)
+    return u * u + v * v + w * w
+
+
+@njit(inline="always", error_model="numpy")
 def _write_neighbours(
     motion: Any,
     senses: Any,
@@ -235,11 +242,11 @@ def _write_neighbours(
             continue
         sent = motion[e, j].position if to_all else heard[e, own, j].position
         dx, dy, dz = sent[0] - position[0], sent[1] - position[1], sent[2] - position[2]
-        squared = dx * dx + dy * dy + dz * dz
+        squared = _squared(dx, dy, dz)
         slot = count
         while slot > 0:
             at = _DETECTIONS_END + (slot - 1) * _NEIGHBOUR_SIZE
-            if row[at + 1] ** 2 + row[at + 2] ** 2 + row[at + 3] ** 2 <= squared:
+            if _squared(row[at + 1], row[at + 2], row[at + 3]) <= squared:
                 break
             if slot < n_neighbours:
                 for column in range(_NEIGHBOUR_SIZE):

@@ -88,9 +88,9 @@ def _link(m: Any, s: Any, other: Any, c: Any) -> bool:
     """Whether the frame of a sender (motion, senses) gets to `other`: in range, and not lost."""
     dx, dy, dz = m.position[0] - other.position[0], m.position[1] - other.position[1], m.position[2] - other.position[2]
     linked = bool(dx * dx + dy * dy + dz * dz <= c.radius * c.radius)
-    if linked and c.loss > 0.0:
+    if c.loss > 0.0:  # drawn for every pair, so that it does not matter to the others who else is in range
         s.radio_stream, u = uniform(s.radio_stream)
-        linked = u >= c.loss
+        linked = linked and u >= c.loss
     return linked
 
 
@@ -127,7 +127,7 @@ def send_in_range(
                 ledger[e, i].messages += 1
                 charge_bytes(ledger[e, i], c, c.header_bytes)
             for j in range(n_uavs):
-                linked = sends and j != i and motion[e, j].active and _link(m, s, motion[e, j], c)
+                linked = sends and j != i and _link(m, s, motion[e, j], c) and motion[e, j].active
                 links[e, i, j] = linked
                 if linked and c.latency == 0.0:
                     _write_frame(heard[e, j, i], m, s, clock)

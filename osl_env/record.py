@@ -141,7 +141,7 @@ class EpisodeRecord:
             raise InputError(f"episode record: unknown field {unknown[0]!r}")
         if missing := sorted(set(kinds) - set(values)):
             raise InputError(f"episode record: field {missing[0]!r} is missing")
-        restored = {key: math.nan if value is None else value for key, value in values.items()}
+        restored: dict[str, Any] = {key: math.nan if value is None else value for key, value in values.items()}
         for key, value in restored.items():
             if kinds[key].type == "float" and not isinstance(value, int | float):
                 raise InputError(f"episode record: {key} = {value!r} is not a number")

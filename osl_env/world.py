@@ -67,7 +67,7 @@ class World:
         self.episode: StateArray = np.zeros(self.n_envs, EPISODE)
         self.episode["outcome"] = ENDED + 1  # not begun: only a reset starts an episode
         self._place_arrays(shape)
-        self._cursor = 0  # slot of the radio's queue that the next step writes
+        self._cursor = 0  # slot of the radio's queue that the last step wrote
         self._rules = self._make_rules()
         per_block = max(1, BLOCK_BYTES // (self.n_uavs * (MOTION.itemsize + LEDGER.itemsize + SENSES.itemsize)))
         self._blocks = [
@@ -183,8 +183,8 @@ class World:
         self._mailbox.clear(rows)
         for worlds, block in self._blocks:
             if stepping[worlds].any():
-                block.settle(self._cursor, is_step=False)
-        self._advance()
+                block.settle(self._cursor, is_step=False)  # the last step's slot: theirs has just been emptied
+        self._rows = None
 
     def _place(self, rows: IntArray, seeds: IntArray) -> None:
         team, sources = self.scenario.team, self.scenario.sources
@@ -212,25 +212,25 @@ class World:
 
         Not checked here: the views do that. UAVs that are not ready, and worlds that have ended, ignore theirs.
         """
+        self._advance()
         for worlds, block in self._blocks:
             block.hop(actions[worlds], self._cursor)
-        self._advance()
 
     def step_waypoints(self, targets: FloatArray, samples: IntArray, declarations: FloatArray | None = None) -> None:
         """One step of legs to `targets` (n_envs, n_uavs, 3) m with `samples` (n_envs, n_uavs) int64 at each end.
 
         `declarations` (n_envs, n_uavs, 3) m, NaN where there is none, are judged first and end their episodes.
         """
+        self._advance()
         for worlds, block in self._blocks:
             declared = None if declarations is None else declarations[worlds]
             block.fly_to(targets[worlds], samples[worlds], declared, self._cursor)
-        self._advance()
 
     def step_velocities(self, velocities: FloatArray, declarations: FloatArray | None = None) -> None:
         """One decision period with `velocities` (n_envs, n_uavs, 3) m/s; `declarations` as in `step_waypoints`."""
+        self._advance()
         for worlds, block in self._blocks:
             block.fly_with(velocities[worlds], None if declarations is None else declarations[worlds], self._cursor)
-        self._advance()
 
     def observation(self, env: int, uav: int) -> Observation:
         """What UAV `uav` of world `env` may know now."""

@@ -1,0 +1,63 @@
+"""Declaring a source without a belief: "I have smelt more here than I would a few metres downwind of it".
+
+For searchers that keep no map. The hits of all samples taken within `declare_radius` of the UAV's place are
+averaged over their sampling time. If that rate is at least what the advertised plume gives `declare_radius`
+straight downwind of a source, the place is suspect: the searcher stays and samples on. Once `declare_time` of
+samples agree, it declares its own place.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from baselines.belief.likelihood import AdvertisedPlume
+from baselines.policy import Briefing
+from osl_env.observation import Observation
+from osl_env.parameters import FloatArray, Parameters, quantity
+
+_MEMORY = 64  # samples
+
+
+class NearbyParameters(Parameters):
+    """Thresholds of `NearbyRule`; mixed into the parameters of policies that declare by it."""
+
+    declare_radius: float = quantity(3.0, "m", gt=0)
+    declare_time: float = quantity(8.0, "s", gt=0)  # of sampling near the place
+
+
+class NearbyRule:
+    """The rule for one UAV and episode."""
+
+    __slots__ = ("_next", "_plume", "_radius", "_samples", "_time", "declared", "suspects")
+
+    def __init__(self, parameters: NearbyParameters, briefing: Briefing) -> None:
+        self._plume = AdvertisedPlume(briefing)
+        self._radius, self._time = parameters.declare_radius, parameters.declare_time
+        self._samples = np.zeros((_MEMORY, 5))  # x, y, z (m), hits, sampling time (s)
+        self._next = 0
+        self.suspects = False  # the rate near here is that of a source, but not for long enough yet
+        self.declared: FloatArray | None = None  # (3,) m
+
+    def threshold(self) -> float:
+        """The rate, 1/s, of the advertised plume `declare_radius` downwind of a source."""
+        model = self._plume.model
+        distance = max(self._radius, model.clamp_distance)
+        exponent = distance * (math.hypot(model.drift_x, model.drift_y) - model.inverse_lambda)
+        return model.detection_probability * model.strength / distance * math.exp(exponent) + model.background
+
+    def take(self, observation: Observation) -> None:
+        """Take note of the last reading, and judge the place."""
+        self._plume.measure(observation.wind)
+        if observation.sampling_time <= 0.0:
+            return
+        row = self._samples[self._next % _MEMORY]
+        row[:3], row[3], row[4] = observation.position, observation.reading, observation.sampling_time
+        self._next += 1
+        near = np.linalg.norm(self._samples[:, :3] - observation.position, axis=1) <= self._radius
+        hits, duration = self._samples[near, 3].sum(), self._samples[near, 4].sum()
+        here = observation.reading > 0.0 or bool(self.suspects)
+        enough = duration > 0.0 and hits >= self.threshold() * duration
+        self.suspects = bool(enough and here)
+        self.declared = observation.position.copy() if self.suspects and duration >= self._time else None

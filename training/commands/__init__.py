@@ -1,0 +1,1 @@
+"""The commands of `osl`: each a dataclass of its arguments, with `execute`."""

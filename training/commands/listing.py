@@ -1,0 +1,60 @@
+"""`osl list`: what there is to run, one line each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import tyro
+
+from osl_env.errors import InputError
+from training.commands.options import print_json
+
+KINDS = ("policies", "scenarios", "benchmarks")
+
+
+@dataclass(frozen=True)
+class Listing:
+    """List policies, scenarios and benchmarks, one line each."""
+
+    what: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="KIND")] = "all"
+    """policies, scenarios, benchmarks or all"""
+    json: bool = False
+    """print JSON only"""
+
+    def execute(self) -> None:
+        """Print the cards. Raises InputError for an unknown kind."""
+        if self.what not in (*KINDS, "all"):
+            raise InputError(f"cannot list {self.what!r}: allowed are {', '.join(KINDS)}, all")
+        chosen = KINDS if self.what == "all" else (self.what,)
+        cards = {kind: _cards(kind) for kind in chosen}
+        if self.json:
+            print_json(cards)
+            return
+        from rich.table import Table
+
+        from training.report import console
+
+        screen = console()
+        for kind, lines in cards.items():
+            table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, title=kind, title_justify="left")
+            table.add_column(no_wrap=True)
+            table.add_column()
+            for name, card in lines.items():
+                table.add_row(name, card)
+            screen.print(table)
+            screen.print()
+
+
+def _cards(kind: str) -> dict[str, str]:
+    if kind == "policies":
+        from baselines import policy_class, policy_names
+
+        return {name: policy_class(name).summary for name in policy_names()}
+    if kind == "scenarios":
+        from osl_env.scenario import load_scenario, scenario_names
+
+        return {name: load_scenario(name).description for name in scenario_names()}
+    from training.benchmark import benchmark_names, load_benchmark
+
+    return {name: load_benchmark(name).title for name in benchmark_names()}

@@ -1,0 +1,5 @@
+"""The experiments of the MUC-OSL paper (multi-UAV collaboration based odour source localization)."""
+
+from training.reproduce.muc_osl import area, energy, example, particles, radius, uavs
+
+EXPERIMENTS = {module.EXPERIMENT.name: module.EXPERIMENT for module in (area, uavs, radius, particles, energy, example)}
