@@ -1,10 +1,11 @@
 """Lawnmower survey: boustrophedon lanes through the whole volume, divided among the UAVs, with stops to sample.
 
-The longer horizontal side is cut into one strip for each UAV. In its strip a UAV flies lanes along the other side,
-at levels of `lane_spacing` height, with a stop at every `stop_spacing`; the path does not depend on the readings. A
-survey needs a map to end: the readings (shared by radio) go into an exact grid posterior. When its spread is below
-the declaration's, the UAV leaves the lanes, flies to the estimate and declares by the common rule. A survey that
-ends without an estimate begins again, with its lanes half a spacing aside.
+The longer horizontal side is cut into one strip for each UAV. In its strip a UAV flies lanes along the other side, at
+levels of `lane_spacing` height, with a stop at every `stop_spacing`. A survey needs a map to end: the readings (shared
+by radio) go into an exact grid posterior. When its spread is below the declaration's, the UAV flies to the estimate and
+declares by the common rule; until then the path does not depend on the readings. A survey that ends without an estimate
+is followed by one with half the spacing, through the box of two standard deviations about the posterior mean if
+anything was detected, through the whole volume otherwise.
 """
 
 from __future__ import annotations
@@ -23,23 +24,24 @@ from osl_env.observation import Observation
 from osl_env.parameters import FloatArray, quantity
 from osl_env.radio import Message
 
+_FINEST = 1.0 / 8.0  # of the spacings: later surveys are no finer
 _THERE = 0.5  # m: near enough to the estimate to hover
 
 
-def centres(low: float, high: float, spacing: float, shift: float) -> FloatArray:
-    """The lines that cut [low, high] into equal parts no wider than `spacing`, moved by `shift` parts (kept inside)."""
+def centres(low: float, high: float, spacing: float) -> FloatArray:
+    """The middles of the equal parts, no wider than `spacing`, of [low, high]."""
     count = max(1, math.ceil((high - low) / spacing - 1e-9))
-    width = (high - low) / count
-    return np.clip(low + width * (np.arange(count) + 0.5 + shift), low, high)
+    return np.asarray(low + (high - low) / count * (np.arange(count) + 0.5))
 
 
-def survey(area: FloatArray, strip: int, n_strips: int, lane: float, stop: float, shift: float) -> FloatArray:
-    """The stops (n, 3), m, of strip `strip` of `n_strips`, in flying order from the low corner."""
-    long, short = (0, 1) if area[0] >= area[1] else (1, 0)
-    width = area[long] / n_strips
-    lanes = centres(strip * width, (strip + 1) * width, lane, shift)
-    levels = centres(0.0, area[2], lane, shift)
-    stops = centres(0.0, area[short], stop, 0.0)
+def survey(low: FloatArray, high: FloatArray, strip: int, n_strips: int, lane: float, stop: float) -> FloatArray:
+    """The stops (n, 3), m, of strip `strip` of `n_strips` of the box from `low` to `high`, in flying order."""
+    sides = high - low
+    long, short = (0, 1) if sides[0] >= sides[1] else (1, 0)
+    width = sides[long] / n_strips
+    lanes = centres(low[long] + strip * width, low[long] + (strip + 1) * width, lane)
+    levels = centres(low[2], high[2], lane)
+    stops = centres(low[short], high[short], stop)
     points, lane_back, stop_back = [], False, False
     for level in levels:
         for across in lanes[::-1] if lane_back else lanes:
@@ -66,9 +68,12 @@ class Survey:
     def _begin_round(self) -> None:
         self._round += 1
         p, b = self._parameters, self._briefing
-        shift = 0.5 if self._round % 2 else 0.0
-        area = np.asarray(b.area, dtype=np.float64)
-        self.stops = survey(area, b.uav, b.n_uavs, p.lane_spacing, p.stop_spacing, shift)
+        finer = max(0.5**self._round, _FINEST)
+        low, high = np.zeros(3), np.asarray(b.area, dtype=np.float64)
+        if self.searcher.heard:
+            reach = 2.0 * np.sqrt(np.diag(self.searcher.covariance))
+            low, high = np.maximum(self.searcher.mean - reach, low), np.minimum(self.searcher.mean + reach, high)
+        self.stops = survey(low, high, b.uav, b.n_uavs, finer * p.lane_spacing, finer * p.stop_spacing)
         self._next = 0
 
     def act(self, observation: Observation, inbox: Sequence[Message]) -> Action:
@@ -93,8 +98,8 @@ class Lawnmower(GridParameters, Policy):
     name: ClassVar[str] = "lawnmower"
     summary: ClassVar[str] = "boustrophedon survey, the volume divided among the UAVs"
 
-    lane_spacing: float = quantity(10.0, "m", gt=0)  # between lanes, and between levels
-    stop_spacing: float = quantity(10.0, "m", gt=0)  # between stops on a lane
+    lane_spacing: float = quantity(15.0, "m", gt=0)  # between lanes, and between levels
+    stop_spacing: float = quantity(15.0, "m", gt=0)  # between stops on a lane
     samples: int = quantity(2, "", ge=1)  # at each stop
 
     _survey: Survey | None = PrivateAttr(default=None)

@@ -9,3 +9,7 @@ from __future__ import annotations
 
 class InputError(ValueError):
     """Bad input: a value, a key, a name or a file that cannot be used, said in one line."""
+
+    def __init__(self, message: str) -> None:
+        """An error with `message`, brought to a single line."""
+        super().__init__(" ".join(str(message).split()))

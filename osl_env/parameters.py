@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,6 +21,11 @@ from osl_env.errors import InputError
 
 FloatArray: TypeAlias = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]  # x, y, z
+
+
+# a number and a product or quotient of units with one-digit powers: text from files is never handed to pint as a formula
+_UNIT = r"[^\W\d_]+(?:\s*(?:\^|\*\*)\s*-?\d)?"
+_QUANTITY = re.compile(rf"\s*[-+]?[\d.]+(?:e[-+]?\d{{1,3}})?\s*/?\s*{_UNIT}(?:\s*[*/ ]\s*{_UNIT})*\s*", re.IGNORECASE)
 
 
 def quantity(default: Any, unit: str, *, infinite: bool = False, **limits: Any) -> Any:
@@ -44,6 +50,8 @@ def _to_unit(text: str, unit: str) -> float:
         return float(text)
     except ValueError:
         pass
+    if not _QUANTITY.fullmatch(text[:100]):
+        raise ValueError(f"must be a number or a quantity in {unit or 'no unit'}")
     try:
         return float(_unit_registry().Quantity(text).to(unit or "dimensionless").magnitude)
     except Exception as error:

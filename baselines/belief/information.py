@@ -115,6 +115,16 @@ def _add_outcome(lanes: FloatArray, sums: FloatArray, totals: FloatArray, d: int
 
 
 @njit(cache=True, error_model="numpy")
+def _load_lanes(candidates: FloatArray, sampling_times: FloatArray, first: int, used: int, lanes: FloatArray) -> None:
+    """Fill `lanes` with `used` candidates from number `first` on; spare lanes repeat the last one."""
+    for k in range(LANES):
+        source = first + min(k, used - 1)
+        for axis in range(3):
+            lanes[axis * LANES + k] = candidates[source, axis]
+        lanes[3 * LANES + k] = sampling_times[source]
+
+
+@njit(cache=True, error_model="numpy")
 def expected_reductions(
     x: FloatArray,
     y: FloatArray,
@@ -142,11 +152,7 @@ def expected_reductions(
         mz += weights[i] * z[i]
     for first in range(0, candidates.shape[0], LANES):
         used = min(LANES, candidates.shape[0] - first)
-        for k in range(LANES):
-            source = first + min(k, used - 1)  # spare lanes repeat the last candidate
-            for axis in range(3):
-                lanes[axis * LANES + k] = candidates[source, axis]
-            lanes[3 * LANES + k] = sampling_times[source]
+        _load_lanes(candidates, sampling_times, first, used, lanes)
         totals[:] = 0.0
         _prepare(x, y, z, weights, lanes, work, sums, model)
         log_factorial = 0.0

@@ -36,6 +36,21 @@ def place(position: FloatArray, direction: int, distance: float) -> tuple[float,
 
 
 @njit(cache=True, error_model="numpy")
+def _best_of(scores: FloatArray, random: NDArray[np.uint64]) -> int:
+    """The index of the greatest of `scores` (n,); one of them at random where several are."""
+    best = scores.max()
+    slack = _TIE * (abs(best) + 1.0)
+    ties, chosen = 0, 0
+    for k in range(scores.shape[0]):
+        if scores[k] >= best - slack:
+            ties += 1
+            random[0], u = uniform(random[0])
+            if u * ties < 1.0:
+                chosen = k
+    return chosen
+
+
+@njit(cache=True, error_model="numpy")
 def best_direction(
     cloud: FloatArray,
     position: FloatArray,
@@ -70,16 +85,7 @@ def best_direction(
         cloud[X], cloud[Y], cloud[Z], cloud[WEIGHT], candidates[:count], times, model, cumulative, information, distance
     )
     scores = information_weight * information - distance_weight * distance
-    best = scores.max()
-    slack = _TIE * (abs(best) + 1.0)
-    ties, chosen = 0, 0
-    for k in range(count):
-        if scores[k] >= best - slack:
-            ties += 1
-            random[0], u = uniform(random[0])
-            if u * ties < 1.0:
-                chosen = kept[k]
-    return chosen
+    return int(kept[_best_of(scores, random)])
 
 
 @njit(cache=True, error_model="numpy")

@@ -95,7 +95,7 @@ class SearchPolicy(DeclarationParameters, Policy):
             raise RuntimeError(f"{self.name}: reset(briefing) comes before the first decision")
         return state
 
-    def broadcast(self, observation: Observation) -> bytes | None:  # noqa: ARG002
+    def broadcast(self, observation: Observation) -> bytes | None:
         """The belief of the iteration before."""
         return self._search().estimator.message()
 

@@ -81,7 +81,7 @@ def test_the_hidden_source_is_hidden(name: str) -> None:
 def test_the_lawnmower_visits_its_whole_strip() -> None:
     """Every point of the volume is within half a spacing, per axis, of a stop of exactly one UAV's strip."""
     area, lane, stop = np.array([30.0, 24.0, 12.0]), 6.0, 5.0
-    stops = [survey(area, uav, 2, lane, stop, 0.0) for uav in range(2)]
+    stops = [survey(np.zeros(3), area, uav, 2, lane, stop) for uav in range(2)]
     points = np.random.default_rng(0).uniform(0.0, area, (500, 3))
     near = np.abs(points[:, None] - np.concatenate(stops)[None]) <= [lane / 2 + 1e-9, stop / 2 + 1e-9, lane / 2 + 1e-9]
     assert near.all(axis=2).any(axis=1).all()
@@ -94,7 +94,7 @@ def test_the_lawnmower_flies_its_stops_in_order_and_begins_again() -> None:
     briefing, world = begun(small())
     policy = make_policy("lawnmower")
     policy.reset(briefing)
-    stops = survey(briefing.area, 0, 2, 10.0, 10.0, 0.0)
+    stops = survey(np.zeros(3), briefing.area, 0, 2, 15.0, 15.0)
     observation = world.observation(0, 0)
     observation.reading, observation.sampling_time = 0.0, 0.0
     flown = []
@@ -103,7 +103,7 @@ def test_the_lawnmower_flies_its_stops_in_order_and_begins_again() -> None:
         assert isinstance(action, Waypoint)
         flown.append(action.position)
     np.testing.assert_array_equal(flown[:-1], stops)
-    assert not np.array_equal(flown[-1], stops[0])  # the second survey is half a lane aside
+    assert not np.array_equal(flown[-1], stops[0])  # the second survey is finer
 
 
 def test_the_nearby_rule_waits_until_it_is_sure() -> None:
