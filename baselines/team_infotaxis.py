@@ -255,7 +255,7 @@ class TeamInfotaxis(GridParameters, Policy):
     patience: float = quantity(100.0, "s", ge=0)  # without a detection, then search by information
     explore_time: float = quantity(12.0, "s", ge=0)  # that a goal of the search by information is kept
     lost_spread: float = quantity(8.0, "m", gt=0)  # above it, silence after a detection means that the trace is lost
-    horizon: float = quantity(40.0, "s", gt=0)  # of the search by information
+    horizon: float = quantity(28.0, "s", gt=0)  # of the search by information
     lattice_spacing: float = quantity(15.0, "m", gt=0)  # of the places that it compares
     entropy_weight: float = quantity(50.0, "m", gt=0)  # h: metres of distance that a nat is worth
     ahead: float = quantity(8.0, "s", ge=0)  # how long the others are taken to sample at their goals after a detection

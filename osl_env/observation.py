@@ -310,7 +310,7 @@ def _flat(
     n_uavs = motion.shape[1]
     n, width = motion.size, out.shape[2]
     flat = out.reshape(-1)
-    rows = np.zeros((_BLOCK, width), dtype=np.float32)
+    rows = np.zeros((min(_BLOCK, n), width), dtype=np.float32)
     numbers_of_row = rows.reshape(-1)
     extra = np.zeros(2 + n_neighbours, dtype=np.float32)
     gain, offset, bend, base = transform[0], transform[1], transform[2], transform[3]

@@ -23,7 +23,7 @@ FloatArray: TypeAlias = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]  # x, y, z
 
 
-# a number and a product or quotient of units with one-digit powers: text from files is never handed to pint as a formula
+# a number and a product or quotient of units with one-digit powers: pint evaluates formulas, and files must not hold any
 _UNIT = r"[^\W\d_]+(?:\s*(?:\^|\*\*)\s*-?\d)?"
 _QUANTITY = re.compile(rf"\s*[-+]?[\d.]+(?:e[-+]?\d{{1,3}})?\s*/?\s*{_UNIT}(?:\s*[*/ ]\s*{_UNIT})*\s*", re.IGNORECASE)
 
@@ -66,7 +66,7 @@ def _checked(value: Any, unit: str, infinite: bool) -> Any:
     if isinstance(value, str):
         value = _to_unit(value, unit)
     if isinstance(value, float) and not math.isfinite(value) and not (infinite and value > 0):
-        raise ValueError("must be finite")
+        raise ValueError("must not be NaN or below 0" if infinite else "must be finite")
     return value
 
 

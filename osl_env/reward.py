@@ -70,8 +70,11 @@ def shape(
 
 
 @njit(inline="always", error_model="numpy")
-def pay(motion: Any, ledger: Any, senses: Any, outcome: int, c: Any, rewards: Any, e: int) -> None:
-    """Write world `e`'s rewards (n_envs, n_uavs) of this step, for every UAV that was flying when it began."""
+def pay(motion: Any, ledger: Any, senses: Any, outcome: int, sampled: bool, c: Any, rewards: Any, e: int) -> None:
+    """Write world `e`'s rewards (n_envs, n_uavs) of this step, for every UAV that was flying when it began.
+
+    `sampled`: whether the world flew; if it was ended by a declaration instead, its last samples are old.
+    """
     team = 0.0
     if outcome == SUCCESS:
         team = c.reward_success
@@ -84,7 +87,7 @@ def pay(motion: Any, ledger: Any, senses: Any, outcome: int, c: Any, rewards: An
             continue
         reward = team + c.reward_time * (book.search_time - book.rewarded_time)
         reward += c.reward_energy * 1e-3 * (book.spent - book.rewarded_energy)
-        if senses[e, i].fresh and m.ready:
+        if sampled and senses[e, i].fresh and m.ready:
             reward += c.reward_detection
         book.rewarded_time = book.search_time if m.active else -1.0
         book.rewarded_energy = book.spent

@@ -37,7 +37,7 @@ class Ending(Parameters):
     success: Literal["declare", "reach"] = "declare"
     success_radius: float = quantity(5.0, "m", gt=0)  # of the declared position, or of the UAV, from a source
     time_limit: float = quantity(1200.0, "s", gt=0)  # of a UAV's own search time
-    max_decisions: int = quantity(800, "", ge=1)  # kmax, for each UAV
+    max_decisions: int = quantity(800, "", ge=1, le=1_000_000_000)  # kmax, for each UAV
 
 
 class Scenario(Parameters):
@@ -186,7 +186,7 @@ def load_scenario(scenario: str | Path | Scenario, **overrides: Any) -> Scenario
     if isinstance(scenario, Scenario):
         return scenario.override(**overrides) if overrides else scenario
     if not isinstance(scenario, str | Path):
-        raise InputError(f"scenario = {scenario!r}: must be a name, a path or a Scenario")
+        raise InputError(f"scenario = {scenario!r:.80}: must be a name, a path or a Scenario")
     content, path = _content(str(scenario))
     where: str | Path = path
     if path.parent == config_folder() / "scenarios":

@@ -185,7 +185,7 @@ def _finish_team(
 ) -> None:
     if stepping[e]:
         end_flights(motion, ledger, episode, c, e)
-    pay(motion, ledger, senses, episode[e].outcome, c, rewards, e)
+    pay(motion, ledger, senses, episode[e].outcome, stepping[e], c, rewards, e)
     total, cut = 0.0, False
     for i in range(motion.shape[1]):
         total += rewards[e, i]

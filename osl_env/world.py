@@ -57,7 +57,9 @@ class World:
         self.scenario = load_scenario(scenario)
         self.n_envs, self.n_uavs = int(n_envs), self.scenario.team.n_uavs
         shape = (self.n_envs, self.n_uavs)
-        if self.n_envs * self.n_uavs * (600 + FRAME.itemsize * self.n_uavs) > _MAX_STATE_BYTES:
+        queue = self._queue_length()
+        per_uav = 600 + FRAME.itemsize * (self.n_uavs + queue) + queue * self.n_uavs  # bytes
+        if self.n_envs * self.n_uavs * per_uav > _MAX_STATE_BYTES:
             raise InputError(f"n_envs = {n_envs}: this many worlds of {self.n_uavs} UAVs need over 16 GiB")
         self.layout = ObservationLayout(self.scenario)
         self.constants = _constants(self.scenario)
@@ -130,7 +132,7 @@ class World:
         if latency == 0:
             return 1
         per_step = self.n_uavs if self.scenario.clock == "event" else 1
-        return per_step * (int(np.ceil(latency / self.scenario.decision_time)) + 2)
+        return per_step * (int(np.ceil(min(latency / self.scenario.decision_time, 1e12))) + 2)
 
     @property
     def running(self) -> BoolArray:

@@ -93,7 +93,10 @@ def fly(
         watch(world)
     while world.running.any() and decisions.max() < max_decisions * n_uavs:
         turns = _turns(world, team)
-        elapsed = _decide_and_step(world, turns, bits)
+        if not turns:  # on the event clock: those that were done have ended, the others are still flying
+            _step(world, policy, turns, [], np.full((world.n_envs, n_uavs, 3), np.nan))
+            continue
+        elapsed = _decide_and_step(world, policy, turns, bits)
         count = np.bincount([turn.env for turn in turns], minlength=len(seeds))
         decisions += count
         seconds += elapsed * count / len(turns)
@@ -110,7 +113,7 @@ def _turns(world: World, team: list[list[Policy]]) -> list[Turn]:
     ]
 
 
-def _decide_and_step(world: World, turns: list[Turn], bits: FloatArray) -> float:
+def _decide_and_step(world: World, policy: Policy, turns: list[Turn], bits: FloatArray) -> float:
     """One decision of all `turns`; the wall time that the policies took, s.
 
     `bits` (n_envs, n_uavs): what each policy has processed and not yet paid for, from one decision to the next.
@@ -131,12 +134,14 @@ def _decide_and_step(world: World, turns: list[Turn], bits: FloatArray) -> float
             declarations[turn.env, turn.uav] = _point(turn.policy, "declaration()", declared)
         bits[turn.env, turn.uav] = turn.policy.computed_bits
     elapsed += time.perf_counter() - began
-    _step(world, turns, actions, declarations)
+    _step(world, policy, turns, actions, declarations)
     return elapsed
 
 
-def _step(world: World, turns: list[Turn], actions: list[Action], declarations: FloatArray) -> None:
-    if turns[0].policy.vehicle_commands == "velocity":
+def _step(
+    world: World, policy: Policy, turns: list[Turn], actions: list[Action], declarations: FloatArray
+) -> None:
+    if policy.vehicle_commands == "velocity":
         velocities = np.zeros((world.n_envs, world.n_uavs, 3))
         for turn, action in zip(turns, actions, strict=True):
             if not isinstance(action, Velocity):

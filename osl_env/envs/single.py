@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from osl_env.envs.render import TrackRecorder
-from osl_env.envs.spaces import ActionTranslator, flat_space, next_seed
+from osl_env.envs.spaces import ActionTranslator, action_array, flat_space, next_seed
 from osl_env.errors import InputError
 from osl_env.scenario import Scenario, load_scenario
 from osl_env.state import SUCCESS
@@ -60,7 +60,7 @@ class TeamEnv(gym.Env[NDArray[np.float32], Any]):
         """One decision of the whole team. Raises InputError if the action is not in the action space."""
         if not self.world.running[0]:
             raise InputError("step: the episode is over or has not begun; call reset first")
-        array = np.asarray(action)
+        array = action_array(action)
         if array.shape != self.action_space.shape:
             raise InputError(f"action: must have the shape {self.action_space.shape}, not {array.shape}")
         self._translator.step(array.reshape(self._translator.shape))

@@ -20,7 +20,7 @@ from osl_env.errors import InputError
 from osl_env.observation import Observation, ObservationLayout
 from osl_env.parameters import FloatArray
 from osl_env.scenario import Scenario
-from osl_env.state import DETECTION_MEMORY, IntArray
+from osl_env.state import IntArray
 from osl_env.streams import check_seed, entropy_seed, next_episode_seed
 from osl_env.world import World
 
@@ -41,12 +41,10 @@ def flat_space(size: int) -> spaces.Box:
 
 def physical_space(layout: ObservationLayout) -> spaces.Dict:
     """The space of one UAV's physical observation: what `physical_dict` gives."""
-    count = {"detection": DETECTION_MEMORY, "neighbour": layout.n_neighbours}
-    members: dict[str, spaces.Space[Any]] = {}
-    for field in layout.fields:
-        rows = count.get(field.name.split("_")[0])
-        shape = (field.size,) if rows is None else (rows, field.size) if field.size == 3 else (rows,)
-        members[field.name] = spaces.Box(-np.inf, np.inf, shape, np.float64)
+    sample = physical_dict(layout.observation(np.zeros(layout.size)), np.zeros(3))
+    members: dict[str, spaces.Space[Any]] = {
+        name: spaces.Box(-np.inf, np.inf, values.shape, np.float64) for name, values in sample.items()
+    }
     return spaces.Dict(members)
 
 
@@ -56,6 +54,14 @@ def physical_dict(observation: Observation, area: FloatArray) -> dict[str, Float
     for name in Observation.__slots__:
         named[name] = np.atleast_1d(np.array(getattr(observation, name), dtype=np.float64))
     return named
+
+
+def action_array(actions: Any) -> NDArray[Any]:
+    """`actions` as an array. Raises InputError if they are ragged."""
+    try:
+        return np.asarray(actions)
+    except ValueError:
+        raise InputError("actions: must be an array of numbers, the same for each UAV") from None
 
 
 class ActionTranslator:
@@ -74,7 +80,7 @@ class ActionTranslator:
 
     def step(self, actions: Any) -> None:
         """Step the world. Raises InputError if the actions have a wrong shape or type or are out of bounds."""
-        array = np.asarray(actions)
+        array = action_array(actions)
         if array.shape != self.shape:
             raise InputError(f"actions: must have the shape {self.shape}, not {array.shape}")
         if self.mode == "hop":

@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from osl_env.envs.single import team_action_space
-from osl_env.envs.spaces import ActionTranslator, flat_space
+from osl_env.envs.spaces import ActionTranslator, action_array, flat_space
 from osl_env.errors import InputError
 from osl_env.scenario import Scenario, load_scenario
 from osl_env.state import SUCCESS, BoolArray, IntArray
@@ -103,7 +103,7 @@ class TeamVectorEnv(VectorEnv[NDArray[np.float32], Any, NDArray[Any]]):
         """One decision of every team. Raises InputError if the actions are not in the action space."""
         if not self.world.begun.all():
             raise InputError("step: call reset first")
-        array = np.asarray(actions)
+        array = action_array(actions)
         if array.shape != self.action_space.shape:
             raise InputError(f"actions: must have the shape {self.action_space.shape}, not {array.shape}")
         restart = self._ended if self._mode is AutoresetMode.NEXT_STEP else None

@@ -88,9 +88,10 @@ def _read(
     n_uavs = motion.shape[1]
     n = motion.shape[0] * n_uavs
     all_rates, all_motion = out.reshape(-1), motion.reshape(-1)
-    offset = np.empty((3, _BLOCK))
-    wind = np.empty((2, _BLOCK))
-    strength = np.empty(_BLOCK)
+    widest = min(_BLOCK, n)
+    offset = np.empty((3, widest))
+    wind = np.empty((2, widest))
+    strength = np.empty(widest)
     half, growth, decay = 0.5 / diffusivity, lifetime / (4.0 * diffusivity), 1.0 / (diffusivity * lifetime)
     for start in range(0, n, _BLOCK):
         size = min(_BLOCK, n - start)

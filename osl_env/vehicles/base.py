@@ -21,5 +21,5 @@ class Vehicle(Parameters):
     hop_lengths: int = quantity(1, "", ge=1, le=100)  # l_max: the longest hop, in grid steps
     hover_time: float = quantity(1.0, "s", gt=0)  # t_h, of one hovering point: one sample
     turn_time: float = quantity(1.0, "s", ge=0)  # of one turn, by any angle
-    max_samples: int = quantity(20, "", ge=1)  # the most samples that one leg may take
+    max_samples: int = quantity(20, "", ge=1, le=1_000_000)  # the most samples that one leg may take
     acceleration: float = quantity(float("inf"), "m/s^2", gt=0, infinite=True)

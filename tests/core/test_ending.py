@@ -96,7 +96,7 @@ def test_only_who_decides_may_declare() -> None:
 
 
 def test_the_dead_do_not_declare() -> None:
-    world = legs(**{"energy.capacity": 470.0 * 3 + 663.0, "radio.radius": 0})
+    world = legs(**{"energy.capacity": 470.0 * 3 + 663.0 * 4, "radio.radius": 0})
     targets = world.motion["position"].copy()
     targets[:, 0] += [9.0, 0, 0]
     world.step_waypoints(targets, np.ones((2, 3), np.int64))
