@@ -38,7 +38,7 @@ class TrackRecorder:
         self.positions.append(self.world.motion["position"][self.env].copy())
         self.readings.append(self.world.senses["reading"][self.env].copy())
 
-    def draw(self, particles: FloatArray | None = None, size: tuple[int, int] = (800, 600)) -> NDArray[np.uint8]:
+    def draw(self, particles: FloatArray | None = None, size: tuple[int, int] = (800, 500)) -> NDArray[np.uint8]:
         """The scene as an RGB image (height, width, 3); `size` is (width, height) in pixels. `particles` (n, 3) m."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -48,18 +48,17 @@ class TrackRecorder:
         image: NDArray[np.uint8] = np.asarray(canvas.buffer_rgba())[..., :3].copy()
         return image
 
-    def figure(self, particles: FloatArray | None = None, size: tuple[int, int] = (800, 600)) -> Figure:
+    def figure(self, particles: FloatArray | None = None, size: tuple[int, int] = (800, 500)) -> Figure:
         """The scene as a matplotlib figure of `size` (width, height) pixels."""
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100)
-        axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
-        figure.subplots_adjust(left=0.0, right=0.90, bottom=0.03, top=0.95)
+        axes: Any = figure.add_axes((0.02, -0.04, 0.84, 1.06), projection="3d", computed_zorder=False)
         area = self.world.scenario.arena.size
         axes.set(
             xlim=(0, area[0]), ylim=(0, area[1]), zlim=(0, area[2]), xlabel="x (m)", ylabel="y (m)", zlabel="z (m)"
         )
-        axes.set_box_aspect(area)
+        axes.set_box_aspect(area, zoom=1.08)
         axes.view_init(elev=28, azim=-58)
         self._draw_plume(axes, figure)
         self._draw_wind(axes)
@@ -69,8 +68,8 @@ class TrackRecorder:
         sources = self.world.source_position[self.env]
         axes.scatter(*sources.T, marker="*", s=160, c=_SOURCE_COLOUR, edgecolors="white", label="source", zorder=6)
         clock = float(self.world.episode["clock"][self.env])
-        axes.set_title(f"{self.world.scenario.name}, {clock / 60:.1f} min", fontsize=11)
-        axes.legend(loc="upper left", fontsize=8)
+        axes.set_title(f"{self.world.scenario.name}, {clock / 60:.1f} min", fontsize=11, y=0.94)
+        figure.legend(loc="upper left", fontsize=8)
         return figure
 
     def _slice(self, first: int, second: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -100,7 +99,7 @@ class TrackRecorder:
         axes.contourf(
             x, np.where(wall > low, wall, np.nan), z, zdir="y", offset=self.world.scenario.arena.size[1], **style
         )
-        bar = figure.colorbar(shades, ax=axes, shrink=0.5, pad=0.12, ticks=[-3, -2, -1, 0])
+        bar = figure.colorbar(shades, cax=figure.add_axes((0.91, 0.2, 0.015, 0.5)), ticks=[-3, -2, -1, 0])
         bar.set_label("log10 of the mean hit rate (1/s)", fontsize=8)
 
     def _draw_wind(self, axes: Any) -> None:
