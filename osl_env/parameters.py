@@ -23,7 +23,7 @@ FloatArray: TypeAlias = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]  # x, y, z
 
 
-# a number and a product or quotient of units with one-digit powers: pint evaluates formulas, and files must not hold any
+# a number and a product or quotient of units with one-digit powers: pint evaluates formulas, which files must not hold
 _UNIT = r"[^\W\d_]+(?:\s*(?:\^|\*\*)\s*-?\d)?"
 _QUANTITY = re.compile(rf"\s*[-+]?[\d.]+(?:e[-+]?\d{{1,3}})?\s*/?\s*{_UNIT}(?:\s*[*/ ]\s*{_UNIT})*\s*", re.IGNORECASE)
 

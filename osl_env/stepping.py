@@ -20,7 +20,15 @@ from osl_env.reward import pay
 from osl_env.sensors import sample
 from osl_env.state import COMPUTING, HOVERING, RUNNING, BoolArray, IntArray, StateArray
 from osl_env.streams import Purpose, derive
-from osl_env.vehicles.legs import SAME_PLACE, advance_clock, begin_leg, flight_time, hop_inside
+from osl_env.vehicles.legs import (
+    SAME_PLACE,
+    advance_to_next,
+    begin_leg,
+    complete_leg,
+    flight_time,
+    hop_inside,
+    wait_for_slowest,
+)
 from osl_env.vehicles.point_mass import fly_period
 
 _SENSOR, _ANEMOMETER, _RADIO = int(Purpose.SENSOR), int(Purpose.ANEMOMETER), int(Purpose.RADIO)
@@ -56,7 +64,12 @@ def fly_hops(
                 for axis in range(3):
                     m.target[axis] = m.position[axis] + table[k, axis]
                 begin_leg(m, ledger[e, i], c, clock, table[k, 3], table[k, 4], table[k, 5], table[k, 6], table[k, 7], 1)
-        advance_clock(motion, ledger, episode, c, e)
+                if not c.event_clock:
+                    complete_leg(m, ledger[e, i], c)
+        if c.event_clock:
+            advance_to_next(motion, ledger, episode, c, e)
+        else:
+            wait_for_slowest(motion, ledger, episode, c, e)
 
 
 @njit(cache=True, error_model="numpy")
@@ -102,7 +115,12 @@ def fly_waypoints(
             count = min(max(samples[e, i], 1), c.max_samples)
             duration = flight_time(distance, c.speed, c.acceleration) if distance > 0.0 else 0.0
             begin_leg(m, ledger[e, i], c, clock, flight[0], flight[1], flight[2], distance, duration, count)
-        advance_clock(motion, ledger, episode, c, e)
+            if not c.event_clock:
+                complete_leg(m, ledger[e, i], c)
+        if c.event_clock:
+            advance_to_next(motion, ledger, episode, c, e)
+        else:
+            wait_for_slowest(motion, ledger, episode, c, e)
 
 
 @njit(cache=True, error_model="numpy")

@@ -7,6 +7,6 @@ import pytest
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Benchmarks run once and untimed unless they are asked for with `--benchmark-only`: figures belong to `make bench`."""
+    """Benchmarks run once and untimed unless asked for with `--benchmark-only`: figures belong to `make bench`."""
     if hasattr(config.option, "benchmark_only") and not config.option.benchmark_only:
         config.option.benchmark_disable = True

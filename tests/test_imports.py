@@ -1,4 +1,4 @@
-"""Imports go one way: foundations -> models -> scenario -> world -> views; baselines and training only use what is below them."""
+"""Imports go one way: foundations -> models -> scenario -> world -> views; baselines and training stand above them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FORBIDDEN = {
 
 
 def imports(module: str) -> list[str]:
-    """The full names of the modules that `module` imports when it runs, wherever in the file (not for type checking)."""
+    """The full names of the modules that `module` imports when it runs, wherever in the file."""
     path = REPOSITORY / f"{module.replace('.', '/')}.py"
     path = path if path.is_file() else path.with_suffix("") / "__init__.py"
     found: list[str] = []
@@ -78,7 +78,9 @@ def test_packages_import_in_one_direction(module: str) -> None:
 
 
 def test_nothing_imports_the_tests() -> None:
-    wrong = [name for module in MODULES for name in imports(module) if name.split(".")[0] in ("tests", "pytest", "worlds")]
+    wrong = [
+        name for module in MODULES for name in imports(module) if name.split(".")[0] in ("tests", "pytest", "worlds")
+    ]
     assert not wrong
 
 

@@ -98,7 +98,8 @@ def charge_leg(motion: Any, ledger: Any, constants: Any, share: float) -> None:
     """Enter `share` (0 .. 1) of the present leg into the ledger."""
     turning = 0.0
     if motion.turns > 0:
-        begun = motion.leg_turn / constants.turn_time if constants.turn_time > 0.0 else 1.0
+        cut = motion.exhausted and constants.turn_time > 0.0
+        begun = motion.leg_turn / constants.turn_time if cut else 1.0
         turning = min(share * constants.turn_energy * begun, max(0.0, constants.capacity - ledger.spent))
     flying = share * motion.leg_flight * constants.flying_power
     hovering = share * motion.leg_hover * constants.hovering_power
@@ -114,7 +115,8 @@ def charge_leg(motion: Any, ledger: Any, constants: Any, share: float) -> None:
 
 
 @njit(inline="always", error_model="numpy")
-def _complete_leg(motion: Any, ledger: Any, constants: Any) -> None:
+def complete_leg(motion: Any, ledger: Any, constants: Any) -> None:
+    """Carry out the leg that was planned: the UAV is at its end, and decides next."""
     position, target = motion.position, motion.target
     position[0], position[1], position[2] = target[0], target[1], target[2]
     charge_leg(motion, ledger, constants, 1.0)
@@ -140,19 +142,30 @@ def _wait(motion: Any, ledger: Any, constants: Any, duration: float) -> None:
 
 
 @njit(inline="always", error_model="numpy")
-def advance_clock(motion: Any, ledger: Any, episode: Any, constants: Any, e: int) -> None:
-    """Move world `e`'s clock to the end of the step, and complete the legs that are done then."""
-    n_uavs = motion.shape[1]
-    clock = 0.0 if not constants.event_clock else np.inf
-    for i in range(n_uavs):
+def wait_for_slowest(motion: Any, ledger: Any, episode: Any, constants: Any, e: int) -> None:
+    """Barrier clock: move world `e`'s clock to the end of its longest leg; the others hover until then."""
+    clock = 0.0
+    for i in range(motion.shape[1]):
         if motion[e, i].active:
-            end = motion[e, i].leg_end
-            clock = min(clock, end) if constants.event_clock else max(clock, end)
-    for i in range(n_uavs):
+            clock = max(clock, motion[e, i].leg_end)
+    for i in range(motion.shape[1]):
+        m = motion[e, i]
+        if m.active:
+            _wait(m, ledger[e, i], constants, 0.0 if m.exhausted else clock - m.leg_end)
+    episode[e].clock = clock
+
+
+@njit(inline="always", error_model="numpy")
+def advance_to_next(motion: Any, ledger: Any, episode: Any, constants: Any, e: int) -> None:
+    """Event clock: move world `e`'s clock to the next end of a leg, and complete the legs that end then."""
+    clock = np.inf
+    for i in range(motion.shape[1]):
+        if motion[e, i].active:
+            clock = min(clock, motion[e, i].leg_end)
+    for i in range(motion.shape[1]):
         m = motion[e, i]
         if m.active and not m.ready and m.leg_end <= clock + _SAME_TIME:
-            _complete_leg(m, ledger[e, i], constants)
-            _wait(m, ledger[e, i], constants, 0.0 if m.exhausted else max(0.0, clock - m.leg_end))
+            complete_leg(m, ledger[e, i], constants)
     episode[e].clock = clock
 
 

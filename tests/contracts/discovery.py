@@ -1,4 +1,4 @@
-"""Finds what is there, so that anything new is tested without a new test: model classes, vehicles, presets, policies."""
+"""Finds what is there, so that anything new is tested without a new test: the model classes of each package."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ def models(package: ModuleType, base: type[Model]) -> list[type[Model]]:
     found, pending = [], [base]
     while pending:
         pending += (subclasses := pending.pop().__subclasses__())
-        found += [cls for cls in subclasses if "kind" in cls.model_fields and cls.__module__.startswith(package.__name__)]
+        found += [
+            cls for cls in subclasses if "kind" in cls.model_fields and cls.__module__.startswith(package.__name__)
+        ]
     return sorted(found, key=lambda cls: cls.__name__)
 
 

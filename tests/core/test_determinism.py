@@ -1,4 +1,4 @@
-"""An episode is a function of (scenario, seed, actions): never of the batch, the row, the process, or what others did."""
+"""An episode is a function of (scenario, seed, actions): never of the batch, the row or the process."""
 
 from __future__ import annotations
 
@@ -22,7 +22,11 @@ CASES: dict[str, dict[str, Any]] = {
     "waypoint event": {"action": "waypoint", "clock": "event"},
     "velocity": {"action": "velocity"},
     "velocity noisy": {"action": "velocity"} | NOISY,
-    "random places": {"sources.region": [[0, 0, 0], [20, 20, 10]], "sources.number": 2, "team.region": [[0, 0, 0], [9, 9, 9]]},
+    "random places": {
+        "sources.region": [[0, 0, 0], [20, 20, 10]],
+        "sources.number": 2,
+        "team.region": [[0, 0, 0], [9, 9, 9]],
+    },
     "reach": {"ending.success": "reach", "reward": {"shaping": 1.0, "energy": -1.0, "detection": 2.0}},
     "short battery": {"energy.capacity": 9000.0} | NOISY,
 }

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from worlds import begun, flying, fly, hover, small
+from worlds import begun, fly, flying, hover, small
 
 from osl_env import EpisodeRecord, InputError, World
 from osl_env.parameters import FloatArray
@@ -31,7 +31,8 @@ def says(world: World, uav: int, place: Any, env: int = 0) -> FloatArray:
 
 
 @pytest.mark.parametrize(
-    ("error", "outcome"), [(0.0, SUCCESS), (4.999, SUCCESS), (5.0, SUCCESS), (5.001, FALSE_DECLARATION), (9.0, FALSE_DECLARATION)]
+    ("error", "outcome"),
+    [(0.0, SUCCESS), (4.999, SUCCESS), (5.0, SUCCESS), (5.001, FALSE_DECLARATION), (9.0, FALSE_DECLARATION)],
 )
 def test_a_declaration_is_right_within_the_success_radius(error: float, outcome: int) -> None:
     world = legs()
@@ -50,7 +51,7 @@ def test_a_declaration_is_right_within_the_success_radius(error: float, outcome:
 
 def test_any_of_several_sources_will_do() -> None:
     world = legs(**{"sources.positions": [(1.0, 1.0, 1.0), tuple(SOURCE.tolist())]})
-    stay(world, says(world, 0, SOURCE + [1.0, 0, 0]))
+    stay(world, says(world, 0, np.add(SOURCE, [1.0, 0, 0])))
     assert world.episode["outcome"][0] == SUCCESS
     assert world.episode["declaration_error"][0] == pytest.approx(1.0)
 
@@ -126,10 +127,10 @@ def test_hop_and_box_actions_declare_the_uavs_own_place() -> None:
 def test_reach_ends_when_any_uav_comes_near() -> None:
     world = legs(**{"ending.success": "reach", "ending.success_radius": 2.0})
     targets = world.motion["position"].copy()
-    targets[0, 1] = SOURCE + [0.0, 2.5, 0.0]
+    targets[0, 1] = np.add(SOURCE, [0.0, 2.5, 0.0])
     world.step_waypoints(targets, np.ones((2, 3), np.int64))
     assert world.running.all()
-    targets[0, 1] = SOURCE + [0.0, 2.0, 0.0]
+    targets[0, 1] = np.add(SOURCE, [0.0, 2.0, 0.0])
     world.step_waypoints(targets, np.ones((2, 3), np.int64))
     assert world.episode["outcome"].tolist() == [SUCCESS, RUNNING]
     assert world.episode["winner"][0] == 1
@@ -159,7 +160,7 @@ def test_the_record_sums_up_a_success() -> None:
     targets[0, 1] += [3.0, 0, 0]
     world.step_waypoints(targets, np.ones((2, 3), np.int64))
     world.exchange([[b"abc"] * 3] * 2)
-    stay(world, says(world, 1, SOURCE + [1.0, 0, 0]))
+    stay(world, says(world, 1, np.add(SOURCE, [1.0, 0, 0])))
     record = EpisodeRecord.of(world, 0, "tester")
     ledger = world.ledger[0]
     assert (record.success, record.false_declaration, record.ended, record.winner) == (True, False, "success", 1)

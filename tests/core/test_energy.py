@@ -1,4 +1,4 @@
-"""Energy laws: a ledger never decreases, adds up, never exceeds the battery; an empty battery ends a flight, not the others'."""
+"""Energy laws: a ledger never decreases, adds up, never exceeds the battery; an empty battery ends one flight."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from worlds import advance, begun, differences, flying, fly, hover, random_commands, small
+from worlds import advance, begun, differences, fly, flying, hover, random_commands, small
 
 from osl_env import World
 from osl_env.energy import EnergyModel

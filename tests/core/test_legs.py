@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from worlds import advance, begun, flying, fly, hover, random_commands, small
+from worlds import advance, begun, fly, flying, hover, random_commands, small
 
 from osl_env import World
 from osl_env.actions import HOP_DIRECTIONS
@@ -158,7 +158,9 @@ def track(world: World, commands: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def lone_mass(**vehicle: Any) -> World:
-    return begun(flying(**{"team.n_uavs": 1, "team.starts": [(10.0, 10.0, 5.0)]}, vehicle={"kind": "point_mass"} | vehicle))
+    return begun(
+        flying(**{"team.n_uavs": 1, "team.starts": [(10.0, 10.0, 5.0)]}, vehicle={"kind": "point_mass"} | vehicle)
+    )
 
 
 def test_velocity_mode_starts_unsampled_and_its_clock_counts_periods() -> None:

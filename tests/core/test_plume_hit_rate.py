@@ -32,7 +32,9 @@ def written_out(places: FloatArray, source: FloatArray, wind: Any, plume: HitRat
     return rate
 
 
-@pytest.mark.parametrize("wind", [(0.0, -1.0, 0.0), (1.5, 0.7, 0.0), (-0.2, 0.1, 0.0), (0.0, 0.0, 0.0), (4.0, -3.0, 0.0)])
+@pytest.mark.parametrize(
+    "wind", [(0.0, -1.0, 0.0), (1.5, 0.7, 0.0), (-0.2, 0.1, 0.0), (0.0, 0.0, 0.0), (4.0, -3.0, 0.0)]
+)
 def test_field_is_equation_1(wind: tuple[float, float, float]) -> None:
     places = points()
     field = PLUME.field(places, SOURCE, ONE, np.array(wind))
@@ -103,7 +105,7 @@ def test_the_field_is_linear_in_the_strength() -> None:
 def test_near_the_source_the_distance_is_clamped() -> None:
     on_it = PLUME.field(SOURCE, SOURCE, ONE, np.array([1.0, 0.0, 0.0]))[0]
     assert on_it == pytest.approx(2.5 / 0.5 * np.exp(-0.5 * PLUME.inverse_lambda(1.0)), rel=1e-12)
-    edge = PLUME.field(SOURCE + [0, 0.5, 0], SOURCE, ONE, np.array([1.0, 0.0, 0.0]))[0]
+    edge = PLUME.field(np.add(SOURCE, [0, 0.5, 0]), SOURCE, ONE, np.array([1.0, 0.0, 0.0]))[0]
     assert edge == pytest.approx(on_it, rel=1e-12)
 
 
@@ -134,7 +136,9 @@ def test_field_keeps_the_shape_of_its_places() -> None:
     assert np.array_equal(field.reshape(-1), PLUME.field(grid.reshape(-1, 3), SOURCE, ONE, np.array([0.0, -1.0, 0.0])))
 
 
-@pytest.mark.parametrize(("n_envs", "n_uavs", "n_sources"), [(1, 1, 1), (3, 2, 3), (100, 3, 2), (300, 1, 1), (2, 400, 2)])
+@pytest.mark.parametrize(
+    ("n_envs", "n_uavs", "n_sources"), [(1, 1, 1), (3, 2, 3), (100, 3, 2), (300, 1, 1), (2, 400, 2)]
+)
 def test_batched_reading_is_the_field(n_envs: int, n_uavs: int, n_sources: int) -> None:
     """Also over the boundaries of the kernel's blocks, with a wind and sources of each world's own."""
     rng = np.random.default_rng(5)
@@ -145,9 +149,7 @@ def test_batched_reading_is_the_field(n_envs: int, n_uavs: int, n_sources: int) 
     strengths = rng.uniform(0.5, 2, (n_envs, n_sources))
     out = np.full((n_envs, n_uavs), np.nan)
     PLUME.read(motion, sources, strengths, episode, out)
-    expected = [
-        PLUME.field(motion["position"][e], sources[e], strengths[e], episode["wind"][e]) for e in range(n_envs)
-    ]
+    expected = [PLUME.field(motion["position"][e], sources[e], strengths[e], episode["wind"][e]) for e in range(n_envs)]
     np.testing.assert_allclose(out, expected, rtol=1e-12)
 
 

@@ -180,7 +180,9 @@ def test_a_radio_that_is_off_is_silent_and_free(changes: dict[str, Any]) -> None
 
 
 def test_who_is_in_flight_neither_sends_nor_reads_but_misses_nothing() -> None:
-    world = begun(small(clock="event", action="waypoint", **{"team.n_uavs": 2, "team.starts": [(2.0, 5, 5), (9.0, 5, 5)]}))
+    world = begun(
+        small(clock="event", action="waypoint", **{"team.n_uavs": 2, "team.starts": [(2.0, 5, 5), (9.0, 5, 5)]})
+    )
     exchange(world)
     targets = np.array([[[18.0, 5, 5], [9.0, 5, 5]]])
     received = []

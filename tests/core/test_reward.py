@@ -102,7 +102,9 @@ def test_shaping_is_the_discounted_difference_of_the_potential() -> None:
         np.testing.assert_allclose(world.rewards, 0.9 * -0.5 * distance(world) - before, atol=1e-12)
 
 
-@pytest.mark.parametrize("changes", [*MODES, {"radio.radius": 5.0}, {"ending.success": "reach", "ending.success_radius": 0.1}])
+@pytest.mark.parametrize(
+    "changes", [*MODES, {"radio.radius": 5.0}, {"ending.success": "reach", "ending.success_radius": 0.1}]
+)
 def test_undiscounted_shaping_telescopes_over_a_truncated_episode(changes: dict[str, Any]) -> None:
     world, rng = only(changes, shaping=0.5, discount=1.0), np.random.default_rng(0)
     start, steps = distance(world), 0
@@ -115,7 +117,9 @@ def test_undiscounted_shaping_telescopes_over_a_truncated_episode(changes: dict[
 
 @pytest.mark.parametrize("how", ["declare", "battery", "reach"])
 def test_undiscounted_shaping_sums_to_minus_the_first_potential_at_termination(how: str) -> None:
-    changes: dict[str, Any] = {"battery": {"energy.capacity": 9000.0}, "reach": {"ending.success": "reach"}}.get(how, {})
+    changes: dict[str, Any] = {"battery": {"energy.capacity": 9000.0}, "reach": {"ending.success": "reach"}}.get(
+        how, {}
+    )
     world = only(changes | {"ending.time_limit": 5000.0}, shaping=0.5, discount=1.0)
     start, rng, steps = distance(world), np.random.default_rng(0), 0
     while world.running.any():

@@ -32,7 +32,9 @@ def readings(**changes: Any) -> Any:
         ({"gas_sensor.miss_probability": 0.3, "gas_sensor.false_positive_rate": 0.2}, 0.3, 0.2),
     ],
 )
-def test_mean_count_is_missed_hits_less_and_false_counts_more(changes: dict[str, float], miss: float, false: float) -> None:
+def test_mean_count_is_missed_hits_less_and_false_counts_more(
+    changes: dict[str, float], miss: float, false: float
+) -> None:
     hover_time = 1.5
     counts, rates = readings(**changes, **{"vehicle.hover_time": hover_time})
     for uav in range(3):
@@ -51,7 +53,7 @@ def test_a_longer_sample_counts_for_longer() -> None:
 
 @pytest.mark.parametrize(("rate", "dead_time"), [(2.0, 0.5), (10.0, 0.1), (0.3, 1.0), (5.0, 2.0)])
 def test_dead_time_lowers_the_count_to_that_of_a_non_paralysable_counter(rate: float, dead_time: float) -> None:
-    """Renewal theory: rate / (1 + rate * dead_time) counts a second in the long run, with an offset of at most one count."""
+    """Renewal theory: rate / (1 + rate * dead_time) counts a second in the long run, give or take one count."""
     duration, n = 500.0, 400
     counts = np.array(
         [count_with_dead_time(np.uint64(derive(k, Purpose.SENSOR, 0)), rate, duration, dead_time)[1] for k in range(n)]

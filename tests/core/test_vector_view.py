@@ -191,7 +191,8 @@ def test_max_episode_steps_truncates_in_make_vec() -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [{"render_mode": "rgb_array"}, {"autoreset_mode": "sometimes"}, {"max_episode_steps": 0}, {"nothing": 1}]
+    "arguments",
+    [{"render_mode": "rgb_array"}, {"autoreset_mode": "sometimes"}, {"max_episode_steps": 0}, {"nothing": 1}],
 )
 def test_bad_arguments_are_refused(arguments: dict[str, Any]) -> None:
     with pytest.raises(InputError) as caught:

@@ -47,7 +47,7 @@ def test_observations_are_in_their_space(observation: str, n_uavs: int) -> None:
         for agent, seen in observations.items():
             assert env.observation_space(agent).contains(seen)
         assert env.state_space.contains(env.state())
-        observations, *_ = env.step({agent: 0 for agent in env.agents})
+        observations, *_ = env.step(dict.fromkeys(env.agents, 0))
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -82,8 +82,11 @@ def test_space_methods_return_the_identical_object() -> None:
 def test_observations_and_infos_are_fresh_objects(observation: str) -> None:
     env = osl_env.parallel_env(small(), observation=observation)
     first, infos = env.reset(seed=1)
-    kept = {agent: np.copy(seen) if observation == "flat" else {k: v.copy() for k, v in seen.items()} for agent, seen in first.items()}
-    second, _, _, _, later = env.step({agent: 40 for agent in env.agents})
+    kept = {
+        agent: np.copy(seen) if observation == "flat" else {k: v.copy() for k, v in seen.items()}
+        for agent, seen in first.items()
+    }
+    second, _, _, _, later = env.step(dict.fromkeys(env.agents, 40))
     for agent in env.agents:
         assert first[agent] is not second[agent]
         assert infos[agent] is not later[agent]
@@ -101,7 +104,7 @@ def test_max_cycles_may_be_set() -> None:
         env.reset(seed=1)
         steps = 0
         while env.agents:
-            *_, truncations, _ = env.step({agent: 52 for agent in env.agents})
+            *_, truncations, _ = env.step(dict.fromkeys(env.agents, 52))
             steps += 1
         assert steps == env.max_cycles == limit
         assert all(truncations.values())
@@ -144,7 +147,7 @@ def test_infos_hold_numbers_with_constant_keys() -> None:
     while env.agents:
         assert all(set(info) == keys for info in infos.values())
         assert all(isinstance(value, int | float) for info in infos.values() for value in info.values())
-        *_, infos = env.step({agent: 30 for agent in env.agents})
+        *_, infos = env.step(dict.fromkeys(env.agents, 30))
 
 
 def test_the_next_reset_begins_another_episode_reproducibly() -> None:
@@ -256,19 +259,37 @@ def test_bad_arguments_are_refused_in_one_line(arguments: dict[str, Any]) -> Non
     with pytest.raises(InputError) as caught:
         osl_env.parallel_env(small(), **arguments)
     assert "\n" not in str(caught.value)
-    assert next(iter(arguments)).split(".")[-1].removeprefix("max_") in str(caught.value) or "max_decisions" in str(caught.value)
+    assert next(iter(arguments)).split(".")[-1].removeprefix("max_") in str(caught.value) or "max_decisions" in str(
+        caught.value
+    )
 
 
 # action of one UAV, by mode, that must be refused
 BAD_ACTIONS: list[tuple[str, Any]] = [
-    ("hop", 54), ("hop", -1), ("hop", 2.0), ("hop", "up"), ("hop", None), ("hop", True), ("hop", [1]), ("hop", np.zeros((9, 9))),
-    ("hop", np.float64(3)), ("hop", 10**30),
-    ("waypoint", np.zeros(4, np.float32)), ("waypoint", np.zeros((5, 1), np.float32)), ("waypoint", np.full(5, np.nan, np.float32)),
-    ("waypoint", np.full(5, 1.01, np.float32)), ("waypoint", np.full(5, -np.inf, np.float32)), ("waypoint", 0.0),
-    ("waypoint", ["a"] * 5), ("waypoint", None), ("waypoint", np.zeros(5, complex)),
-    ("velocity", np.zeros(5, np.float32)), ("velocity", np.full(4, np.nan, np.float32)), ("velocity", [0.0, 0.0, 2.0, 0.0]),
+    ("hop", 54),
+    ("hop", -1),
+    ("hop", 2.0),
+    ("hop", "up"),
+    ("hop", None),
+    ("hop", True),
+    ("hop", [1]),
+    ("hop", np.zeros((9, 9))),
+    ("hop", np.float64(3)),
+    ("hop", 10**30),
+    ("waypoint", np.zeros(4, np.float32)),
+    ("waypoint", np.zeros((5, 1), np.float32)),
+    ("waypoint", np.full(5, np.nan, np.float32)),
+    ("waypoint", np.full(5, 1.01, np.float32)),
+    ("waypoint", np.full(5, -np.inf, np.float32)),
+    ("waypoint", 0.0),
+    ("waypoint", ["a"] * 5),
+    ("waypoint", None),
+    ("waypoint", np.zeros(5, complex)),
+    ("velocity", np.zeros(5, np.float32)),
+    ("velocity", np.full(4, np.nan, np.float32)),
+    ("velocity", [0.0, 0.0, 2.0, 0.0]),
     ("velocity", "north"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("view", ["parallel", "team", "vector"])
@@ -343,7 +364,10 @@ def test_render_gives_a_picture(mode: str) -> None:
     env = osl_env.parallel_env(scenario(mode), render_mode="rgb_array")
     env.reset(seed=1)
     first = env.render()
+    for number, agent in enumerate(env.agents):
+        env.action_space(agent).seed(number)  # none of these declares
     env.step({agent: env.action_space(agent).sample() for agent in env.agents})
+    assert env.agents == env.possible_agents
     second = env.render()
     for image in (first, second):
         assert image is not None
