@@ -109,6 +109,7 @@ def test_an_empty_battery_stops_the_uav_in_the_middle_of_its_leg() -> None:
     assert not world.motion["truncated"][0].any()
     assert world.motion["active"][0].tolist() == [False, True]
     assert world.senses["sampling_time"][0, 0] == 1.0  # of the start: it did not get to sample again
+    assert world.ledger["hovers"][0].tolist() == [1, 2]
     assert world.running[0]
 
 

@@ -194,3 +194,27 @@ def test_frame_has_a_row_an_episode_and_total_energy() -> None:
     assert frame["parameters"].iloc[0] == '{"patience": 12, "payload": 8, "spread": 5.0}'
     estimate = records.summary()["capped_search_time"]
     assert estimate.value == pytest.approx(frame["search_time"].mean())
+
+
+class Unequal(Policy):
+    """UAV 0 hovers, the others fly far: on the event clock, UAV 0 ends while they are in the air."""
+
+    name = "unequal"
+
+    _uav: int = 0
+
+    def reset(self, briefing: Briefing) -> None:
+        self._uav = briefing.uav
+
+    def act(self, observation: Observation, inbox: Sequence[Message]) -> Action:
+        if self._uav == 0:
+            return Hover()
+        far = np.array([59.0, 59.0, 29.0]) if observation.position[1] < 30.0 else np.array([1.0, 1.0, 1.0])
+        return Waypoint(far)
+
+
+def test_goes_on_when_nobody_decides() -> None:
+    scenario = load_scenario(SCENARIO, clock="event", ending={"time_limit": 30.0})
+    record = evaluate(Unequal(), scenario, seeds=[0], n_jobs=1, progress=False)[0]
+    assert record.ended == "time"
+    assert record.mission_time > 60.0  # the others have finished the legs that they had begun
