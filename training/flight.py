@@ -138,9 +138,7 @@ def _decide_and_step(world: World, policy: Policy, turns: list[Turn], bits: Floa
     return elapsed
 
 
-def _step(
-    world: World, policy: Policy, turns: list[Turn], actions: list[Action], declarations: FloatArray
-) -> None:
+def _step(world: World, policy: Policy, turns: list[Turn], actions: list[Action], declarations: FloatArray) -> None:
     if policy.vehicle_commands == "velocity":
         velocities = np.zeros((world.n_envs, world.n_uavs, 3))
         for turn, action in zip(turns, actions, strict=True):
