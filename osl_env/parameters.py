@@ -66,7 +66,7 @@ def _checked(value: Any, unit: str, infinite: bool) -> Any:
     if isinstance(value, str):
         value = _to_unit(value, unit)
     if isinstance(value, float) and not math.isfinite(value) and not (infinite and value > 0):
-        raise ValueError("must not be NaN or below 0" if infinite else "must be finite")
+        raise ValueError("must be finite or inf, and not below 0" if infinite else "must be finite")
     return value
 
 
