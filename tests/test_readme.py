@@ -1,0 +1,64 @@
+"""The README promises only what works: its code runs, its names and paths exist."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import osl_env
+from baselines import policy, policy_names
+from osl_env.observation import ObservationLayout
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
+PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+YAML = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
+COMMANDS = re.findall(r"^(osl (?:run|bench|reproduce|list).*?)(?:\s+#.*)?$", README, re.MULTILINE)
+
+
+@pytest.mark.parametrize("code", PYTHON, ids=[f"block {i}" for i in range(len(PYTHON))])
+def test_python_runs(code: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(policy, "_REGISTRY", dict(policy._REGISTRY))  # a policy of the README is not kept
+    names: dict[str, Any] = {"__name__": "readme"}
+    exec(compile(code.replace("range(20)", "range(2)"), "README.md", "exec"), names)
+    if "table" in names:
+        assert len(names["table"]) == 2
+
+
+@pytest.mark.parametrize("text", YAML)
+def test_scenario_file_loads(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    scenario = osl_env.load_scenario(path)
+    assert scenario.name == "mine"
+    assert scenario.team.n_uavs == 5
+    assert scenario.ending.time_limit == 900.0
+
+
+def test_commands_are_understood() -> None:
+    import shlex
+
+    from training.cli import _parse
+
+    assert len(COMMANDS) >= 5
+    for command in COMMANDS:
+        _parse(shlex.split(command)[1:])
+
+
+def test_observation_table_is_complete() -> None:
+    table = README.split("### Observation")[1].split("### Action")[0]
+    layout = ObservationLayout(osl_env.load_scenario("rate-100x60x30"))
+    for field in layout.fields:
+        kind, _, part = field.name.partition("_")
+        short = f"`_{part}`" if kind in ("detection", "neighbour") else ""
+        assert f"`{field.name}`" in table or (short and short in table), field.name
+
+
+def test_every_policy_and_path_is_there() -> None:
+    for name in policy_names():
+        assert f"`{name}`" in README, name
+    for path in re.findall(r"`((?:osl_env|baselines|training|configs|docs)/[\w/.*-]+)`", README):
+        assert list(REPOSITORY.glob(path)), path
