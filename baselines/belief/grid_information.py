@@ -62,6 +62,61 @@ def poisson_tables(sampling_times: tuple[float, ...]) -> PoissonTables:
     return PoissonTables(probability, entropy, n_outcomes.astype(np.int64))
 
 
+@njit(error_model="numpy")
+def _sum_blocks(
+    probability: FloatArray,
+    log_posterior: FloatArray,
+    xs: FloatArray,
+    ys: FloatArray,
+    zs: FloatArray,
+    by: int,
+    bz: int,
+    block: FloatArray,
+) -> None:
+    """Mass, mass times x, y, z, and sum p ln p of the blocks of 2 x 2 x 2 cells in row (by, bz): `block` (n_blocks,
+    5).
+    """
+    n_x = xs.size
+    block[:] = 0.0
+    for iz in range(2 * bz, min(2 * bz + 2, zs.size)):
+        for iy in range(2 * by, min(2 * by + 2, ys.size)):
+            start = (iz * ys.size + iy) * n_x
+            for ix in range(n_x):
+                p = probability[start + ix]
+                entry = block[ix >> 1]
+                entry[0] += p
+                entry[1] += p * xs[ix]
+                entry[2] += p * ys[iy]
+                entry[3] += p * zs[iz]
+                entry[4] += p * log_posterior[start + ix]
+
+
+@njit(error_model="numpy")
+def _write_cells(
+    probability: FloatArray,
+    log_posterior: FloatArray,
+    xs: FloatArray,
+    ys: FloatArray,
+    zs: FloatArray,
+    bx: int,
+    by: int,
+    bz: int,
+    points: FloatArray,
+    n: int,
+) -> int:
+    """Write the cells of block (bx, by, bz) to `points` from column `n` on; the number of points then."""
+    for iz in range(2 * bz, min(2 * bz + 2, zs.size)):
+        for iy in range(2 * by, min(2 * by + 2, ys.size)):
+            for ix in range(2 * bx, min(2 * bx + 2, xs.size)):
+                cell = (iz * ys.size + iy) * xs.size + ix
+                p = probability[cell]
+                points[0, n] = p
+                points[1, n], points[2, n], points[3, n] = xs[ix], ys[iy], zs[iz]
+                points[4, n] = p * log_posterior[cell]
+                n += 1
+    return n
+
+
 @njit(cache=True, error_model="numpy")
 def compress(
     probability: FloatArray,
@@ -79,48 +134,26 @@ def compress(
     under `heavy` becomes one point at its mean; a heavier one gives its cells, so `heavy = 0` keeps every cell. Blocks
     that together hold no more than `negligible` are dropped, and the rest is renormalised.
     """
-    n_x, n_y, n_z = xs.size, ys.size, zs.size
-    half_x, half_y, half_z = (n_x + 1) // 2, (n_y + 1) // 2, (n_z + 1) // 2
+    half_x, half_y, half_z = (xs.size + 1) // 2, (ys.size + 1) // 2, (zs.size + 1) // 2
     floor = negligible / (half_x * half_y * half_z)
     n = 0
     total = 0.0
     block = np.zeros((half_x, 5))
     for bz in range(half_z):
         for by in range(half_y):
-            block[:] = 0.0
-            for iz in range(2 * bz, min(2 * bz + 2, n_z)):
-                for iy in range(2 * by, min(2 * by + 2, n_y)):
-                    start = (iz * n_y + iy) * n_x
-                    for ix in range(n_x):
-                        p = probability[start + ix]
-                        entry = block[ix >> 1]
-                        entry[0] += p
-                        entry[1] += p * xs[ix]
-                        entry[2] += p * ys[iy]
-                        entry[3] += p * zs[iz]
-                        entry[4] += p * log_posterior[start + ix]
+            _sum_blocks(probability, log_posterior, xs, ys, zs, by, bz, block)
             for bx in range(half_x):
                 mass = block[bx, 0]
                 if mass <= floor:
                     continue
                 total += mass
-                if mass < heavy:
-                    points[0, n] = mass
-                    points[1, n] = block[bx, 1] / mass
-                    points[2, n] = block[bx, 2] / mass
-                    points[3, n] = block[bx, 3] / mass
-                    points[4, n] = block[bx, 4]
-                    n += 1
+                if mass >= heavy:
+                    n = _write_cells(probability, log_posterior, xs, ys, zs, bx, by, bz, points, n)
                     continue
-                for iz in range(2 * bz, min(2 * bz + 2, n_z)):
-                    for iy in range(2 * by, min(2 * by + 2, n_y)):
-                        for ix in range(2 * bx, min(2 * bx + 2, n_x)):
-                            cell = (iz * n_y + iy) * n_x + ix
-                            p = probability[cell]
-                            points[0, n] = p
-                            points[1, n], points[2, n], points[3, n] = xs[ix], ys[iy], zs[iz]
-                            points[4, n] = p * log_posterior[cell]
-                            n += 1
+                points[0, n], points[4, n] = mass, block[bx, 4]
+                for axis in range(1, 4):
+                    points[axis, n] = block[bx, axis] / mass
+                n += 1
     for k in range(n):  # sum p ln p of the renormalised masses
         points[4, k] = (points[4, k] - points[0, k] * math.log(total)) / total
         points[0, k] /= total
