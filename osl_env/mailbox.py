@@ -31,25 +31,32 @@ class Mailbox:
     def exchange(self, world: World, payloads: Sequence[Sequence[bytes | None]]) -> list[list[list[Message]]]:
         """Send this step's frames with `payloads`, and hand out to each ready UAV what has arrived."""
         ready = world.motion["ready"] & world.motion["active"] & world.running[:, None]
+        links = world.links
         inboxes: list[list[list[Message]]] = []
         for env in range(world.n_envs):
             if not ready[env].any():
                 inboxes.append([[] for _ in range(world.n_uavs)])
                 continue
             clock = float(world.episode["clock"][env])
-            self._send(world, env, clock, payloads[env], ready[env].tolist())
+            if links[env].any():
+                self._send(world, env, clock, payloads[env], ready[env].tolist(), links[env].tolist())
             inboxes.append([self._collect(env, i, clock) if ready[env, i] else [] for i in range(world.n_uavs)])
         return inboxes
 
-    def _send(self, world: World, env: int, clock: float, payloads: Sequence[bytes | None], ready: list[bool]) -> None:
-        links = world.links[env]
-        if not links.any():
-            return
+    def _send(
+        self,
+        world: World,
+        env: int,
+        clock: float,
+        payloads: Sequence[bytes | None],
+        ready: list[bool],
+        pairs: list[list[bool]],
+    ) -> None:
+        """Put the frames of world `env` on their way along its linked `pairs` [sender][receiver]."""
         senses = world.senses[env]
         readings, times = senses["reading"].tolist(), senses["sampling_time"].tolist()
         positions = world.motion["position"][env].copy()
         positions.setflags(write=False)
-        pairs = links.tolist()
         for sender in range(world.n_uavs):
             if not ready[sender]:
                 continue
