@@ -7,10 +7,13 @@ order change nothing but the wall time.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+import threading
+import warnings
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -146,15 +149,38 @@ def run_cells(
     show = sys.stderr.isatty() if progress is None else progress
     with tqdm(total=plan.total, initial=plan.done, unit="episode", disable=not show, leave=False) as bar:
         try:
-            for batch, records in _run_batches(plan.batches(batch_size, jobs), jobs):
-                plan.keep(batch, records)
-                bar.update(len(records))
+            batches = _run_batches(plan.batches(batch_size, jobs), jobs)
+            with _one_interrupt(), contextlib.closing(batches):
+                for batch, records in batches:
+                    plan.keep(batch, records)
+                    bar.update(len(records))
         except KeyboardInterrupt:
             raise ExperimentStopped(plan.how_to_go_on()) from None
     return [
         EpisodeRecords(plan.finished[key][seed] for seed in cell.seeds)
         for key, cell in zip(plan.keys, cells, strict=True)
     ]
+
+
+@contextlib.contextmanager
+def _one_interrupt() -> Iterator[None]:
+    """Let the first Ctrl-C through and ignore those that follow it, which would break off the ending of the workers."""
+    if threading.current_thread() is not threading.main_thread():  # where Python delivers no signals
+        yield
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def stop(number: int, frame: object) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        warnings.simplefilter("ignore")  # joblib's, that tasks have been cancelled
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        with warnings.catch_warnings():
+            yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def check_jobs(n_jobs: int | None) -> int:
@@ -166,7 +192,7 @@ def check_jobs(n_jobs: int | None) -> int:
     return n_jobs
 
 
-def _run_batches(batches: list[_Batch], jobs: int) -> Iterator[tuple[_Batch, list[EpisodeRecord]]]:
+def _run_batches(batches: list[_Batch], jobs: int) -> Generator[tuple[_Batch, list[EpisodeRecord]], None, None]:
     """Yield each batch with its records as it is done; in this process where there is nothing to spread."""
     if jobs == 1 or len(batches) < 2:
         for batch in batches:
