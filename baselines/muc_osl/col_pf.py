@@ -12,11 +12,12 @@ attraction           mean: sum beta mu / sum beta   sum: of beta mu, a point out
 attracted_share      0.05 of the moved particles    1: halves the cloud at every step
 count_rule           N_0 f_dist (1 - f_cue)         recursion on N (eq 18): decays to N_min
 
-Eq 16 is read with theta the direction of an upwind move, measured from the x axis. As in all moves, one that leaves the
-area is rejected. Since N_k changes with every iteration, particles are drawn anew in each (Algorithm 1), besides the
-resampling at ESS < N/2 before they are moved; `redraw = "on_resampling"` does it only in iterations that resample, and
-then finds the source less often. Detections are the UAV's own; for eq 17 a neighbour has had one if a frame heard from
-it said so. Iterations k count from 1 at the first reading, and k_0 = 0.
+Eq 16 is read with theta the direction of an upwind move, measured from the x axis. As in all moves, one that leaves
+the area is rejected. Since N_k changes with every iteration, particles are drawn anew in each (Algorithm 1), besides
+the resampling at ESS < N/2 before they are moved; `redraw = "on_resampling"` does it only in iterations that
+resample, and then finds the source less often (this default was chosen after seeing seeds 0 to 99). Detections are
+the UAV's own; for eq 17 a neighbour has had one if a frame heard from it said so. Iterations k count from 1 at the
+first reading, and k_0 = 0.
 """
 
 from __future__ import annotations
