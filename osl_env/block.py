@@ -1,8 +1,7 @@
-"""A run of worlds that fits a processor's cache, stepped as a whole before the next one.
+"""The order of a step: the kernels that fly, read the plume, sample, talk, end and reward, on a World's state.
 
-Every step makes several passes over the state (fly, read the plume, sample and settle). Over thousands of worlds, each
-pass would fetch everything from memory again; over a block it stays in the cache. A block holds views of the World's
-arrays, so nothing is copied, and what a world does depends on no other world: blocks change nothing but the speed.
+A block holds the arrays of a World, not copies of them. It takes all worlds at once: cutting the batch into pieces that
+fit a processor's cache was measured to be slower (0.87 times at 1024 worlds, 0.94 times at 8192).
 """
 
 from __future__ import annotations
@@ -19,12 +18,10 @@ from osl_env.reward import shape
 from osl_env.state import BoolArray, IntArray, StateArray
 from osl_env.stepping import finish, fly_hops, fly_velocities, fly_waypoints, settle
 
-BLOCK_BYTES = 1_500_000  # of state in a block: about a second-level cache; smaller ones cost more calls than they save
-
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What is the same for all blocks of a World."""
+    """What does not change from step to step."""
 
     constants: StateArray
     plume: PlumeModel
@@ -38,7 +35,7 @@ class Rules:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Views of the state of some worlds; arrays as in `World`."""
+    """The state of all worlds; arrays as in `World`."""
 
     rules: Rules
     motion: StateArray

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from osl_env.block import BLOCK_BYTES, Block, Rules
+from osl_env.block import Block, Rules
 from osl_env.errors import InputError
 from osl_env.mailbox import Mailbox
 from osl_env.observation import Observation, ObservationLayout
@@ -71,10 +71,7 @@ class World:
         self._place_arrays(shape)
         self._cursor = 0  # slot of the radio's queue that the last step wrote
         self._rules = self._make_rules()
-        per_block = max(1, BLOCK_BYTES // (self.n_uavs * (MOTION.itemsize + LEDGER.itemsize + SENSES.itemsize)))
-        self._blocks = [
-            (slice(k, k + per_block), self._block(slice(k, k + per_block))) for k in range(0, self.n_envs, per_block)
-        ]
+        self._block = self._make_block()
         self._mailbox = Mailbox(self.scenario.radio.latency, self.n_envs, self.n_uavs)
         self._rows: FloatArray | None = None
 
@@ -108,23 +105,23 @@ class World:
             shaping=scenario.reward.shaping > 0,
         )
 
-    def _block(self, rows: slice) -> Block:
+    def _make_block(self) -> Block:
         return Block(
             rules=self._rules,
-            motion=self.motion[rows],
-            ledger=self.ledger[rows],
-            senses=self.senses[rows],
-            episode=self.episode[rows],
-            sources=self.source_position[rows],
-            strengths=self.source_strength[rows],
-            stepping=self._stepping[rows],
-            rates=self.rates[rows],
-            rewards=self.rewards[rows],
-            team=self.team[rows],
-            links=self._links[rows],
-            heard=self.heard[rows],
-            sent=self._sent[rows],
-            reach=self._reach[rows],
+            motion=self.motion,
+            ledger=self.ledger,
+            senses=self.senses,
+            episode=self.episode,
+            sources=self.source_position,
+            strengths=self.source_strength,
+            stepping=self._stepping,
+            rates=self.rates,
+            rewards=self.rewards,
+            team=self.team,
+            links=self._links,
+            heard=self.heard,
+            sent=self._sent,
+            reach=self._reach,
         )
 
     def _queue_length(self) -> int:
@@ -183,9 +180,7 @@ class World:
         begin(self.motion, self.ledger, self.senses, self.heard, self._sent, self.episode, self.constants, rows, chosen,
               first_hover)  # fmt: skip
         self._mailbox.clear(rows)
-        for worlds, block in self._blocks:
-            if stepping[worlds].any():
-                block.settle(self._cursor, is_step=False)  # the last step's slot: theirs has just been emptied
+        self._block.settle(self._cursor, is_step=False)  # the last step's slot: theirs has just been emptied
         self._rows = None
 
     def _place(self, rows: IntArray, seeds: IntArray) -> None:
@@ -215,8 +210,7 @@ class World:
         Not checked here: the views do that. UAVs that are not ready, and worlds that have ended, ignore theirs.
         """
         self._advance()
-        for worlds, block in self._blocks:
-            block.hop(actions[worlds], self._cursor)
+        self._block.hop(actions, self._cursor)
 
     def step_waypoints(self, targets: FloatArray, samples: IntArray, declarations: FloatArray | None = None) -> None:
         """One step of legs to `targets` (n_envs, n_uavs, 3) m with `samples` (n_envs, n_uavs) int64 at each end.
@@ -224,15 +218,12 @@ class World:
         `declarations` (n_envs, n_uavs, 3) m, NaN where there is none, are judged first and end their episodes.
         """
         self._advance()
-        for worlds, block in self._blocks:
-            declared = None if declarations is None else declarations[worlds]
-            block.fly_to(targets[worlds], samples[worlds], declared, self._cursor)
+        self._block.fly_to(targets, samples, declarations, self._cursor)
 
     def step_velocities(self, velocities: FloatArray, declarations: FloatArray | None = None) -> None:
         """One decision period with `velocities` (n_envs, n_uavs, 3) m/s; `declarations` as in `step_waypoints`."""
         self._advance()
-        for worlds, block in self._blocks:
-            block.fly_with(velocities[worlds], None if declarations is None else declarations[worlds], self._cursor)
+        self._block.fly_with(velocities, declarations, self._cursor)
 
     def observation(self, env: int, uav: int) -> Observation:
         """What UAV `uav` of world `env` may know now."""
