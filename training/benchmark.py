@@ -5,6 +5,7 @@
     scenarios: [rate-60x60x30, {scenario: rate-100x60x30, overrides: {team.n_uavs: 4}, label: four UAVs}]
     policies: [muc-osl, {policy: muc-osl, parameters: {particles: 160}, label: 160 particles, episodes: 50}]
     sweep: {of: scenario, key: team.n_uavs, values: [1, 2, 3], label: UAVs}     # optional: one parameter varied
+    compare: muc-osl     # optional: the policy (or a list) that the others are tested against; else each group's best
 
 Every policy flies the same seeds, so the same worlds; `episodes` gives a slow policy the first few of them only.
 """
@@ -98,6 +99,14 @@ class Benchmark(Parameters):
     scenarios: tuple[ScenarioEntry, ...] = Field(min_length=1)
     policies: tuple[PolicyEntry, ...] = Field(min_length=1)
     sweep: Sweep | None = None
+    compare: tuple[
+        str, ...
+    ] = ()  # labels of policies; empty: each group's best, which is picked from the same episodes
+
+    @field_validator("compare", mode="before")
+    @classmethod
+    def _one_or_more(cls, labels: Any) -> Any:
+        return (labels,) if isinstance(labels, str) else labels
 
     @field_validator("scenarios", "policies", mode="before")
     @classmethod
@@ -116,6 +125,10 @@ class Benchmark(Parameters):
             for label in labels:
                 if labels.count(label) > 1:
                     raise ValueError(f"{key}: {label!r} comes twice; give each a label of its own")
+        flown = [entry.label or entry.policy for entry in self.policies]
+        for label in self.compare:
+            if label not in flown or self.compare.count(label) > 1:
+                raise ValueError(f"compare = {label!r}: must be one of the policies {', '.join(flown)}, each once")
         return self
 
     def limited(self, episodes: int | None = None, first_seed: int | None = None) -> Benchmark:

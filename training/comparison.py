@@ -1,4 +1,7 @@
-"""Results side by side: each policy's estimates, and its paired difference from the best one on the same seeds."""
+"""Results side by side: each policy's estimates, and its paired differences from references on the same seeds.
+
+The references are named by the benchmark; by default there is one, the best policy of each group.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +9,17 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from training.benchmark import Result
+from training.records import EpisodeRecords
 from training.statistics import (
-    NOTHING,
     Comparison,
     Estimate,
+    bootstrap_mean,
     compare_paired,
+    compare_successes,
     holm,
-    stratified_interquartile_mean,
     wilcoxon,
+    wins,
 )
 
 if TYPE_CHECKING:
@@ -24,13 +27,42 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class Against:
+    """A policy minus a reference, over the seeds that both flew. The p values of a group are corrected by Holm."""
+
+    search_time: Comparison  # capped, s
+    success_rate: Comparison
+    reference_faster: Estimate  # share of the seeds on which the reference's capped time is shorter; a tie is half
+    wilcoxon_p: float  # of the capped search times, uncorrected; NaN without pairs
+
+    def mirrored(self) -> Against:
+        """The reference minus the policy."""
+        share = self.reference_faster
+        return Against(
+            _negative(self.search_time),
+            _negative(self.success_rate),
+            Estimate(1.0 - share.value, 1.0 - share.high, 1.0 - share.low),
+            self.wilcoxon_p,
+        )
+
+    def corrected(self, search_time_p: float, success_rate_p: float) -> Against:
+        """With these p values."""
+        return Against(
+            self.search_time._replace(p_value=search_time_p),
+            self.success_rate._replace(p_value=success_rate_p),
+            self.reference_faster,
+            self.wilcoxon_p,
+        )
+
+
+@dataclass(frozen=True)
 class Row:
-    """One line of a table. `against_best` is None for the best policy itself."""
+    """One line of a table."""
 
     result: Result
     estimates: dict[str, Estimate]  # SI units; see EpisodeRecords.summary
-    against_best: Comparison | None  # difference of the capped search times, s; p corrected by Holm over the group
-    wilcoxon_p: float  # uncorrected; NaN for the best
+    best: bool  # of its group
+    against: dict[str, Against]  # by the references' labels; none against itself
 
     @property
     def label(self) -> str:
@@ -45,61 +77,72 @@ class Group:
     scenario: str
     value: float | None
     rows: tuple[Row, ...]
+    references: tuple[str, ...]  # labels of the policies that the others are compared with
+    picked: bool  # no reference was named: it is the best policy, found from the same episodes
 
 
-def grouped(results: Iterable[Result]) -> list[Group]:
-    """The results by scenario and swept value, each group compared with its best policy.
+def grouped(results: Iterable[Result], references: Sequence[str] = ()) -> list[Group]:
+    """The results by scenario and swept value, each group compared with `references` (labels), or with its best policy.
 
     The best has the least capped mean search time, then the higher success rate. Picked from the same episodes, it is
-    best by luck in part: the p values say how far the others are from it, not that it would win again.
+    best by luck in part: p values against it say how far the others are from it, not that it would win again. Those
+    against a reference that was named beforehand have no such flaw.
     """
     groups: dict[tuple[str, float | None], list[Result]] = {}
     for result in results:
         groups.setdefault((result.case.scenario, result.case.value), []).append(result)
-    return [Group(scenario, value, _compared(members)) for (scenario, value), members in groups.items()]
+    return [_compared(*key, members, references) for key, members in groups.items()]
 
 
-def _compared(results: list[Result]) -> tuple[Row, ...]:
+def _compared(scenario: str, value: float | None, results: list[Result], references: Sequence[str]) -> Group:
     estimates = [result.records.summary() for result in results]
-    order = sorted(
+    labels = [result.case.policy for result in results]
+    best = min(
         range(len(results)),
         key=lambda k: (estimates[k]["capped_search_time"].value, -estimates[k]["success_rate"].value),
     )
-    best = results[order[0]].records
-    comparisons: list[Comparison] = []
-    signed_rank = []
-    for result in results:
-        mine, theirs = (pair.values("capped_search_time") for pair in result.records.common_seeds(best))
-        comparisons.append(compare_paired(mine, theirs))
-        signed_rank.append(wilcoxon(mine, theirs) if mine.size else float("nan"))
-    tested = [float("nan") if k == order[0] else comparison.p_value for k, comparison in enumerate(comparisons)]
-    return tuple(
-        Row(
-            result,
-            estimates[k],
-            None if k == order[0] else comparisons[k]._replace(p_value=adjusted),
-            float("nan") if k == order[0] else signed_rank[k],
-        )
-        for k, (result, adjusted) in enumerate(zip(results, holm(tested), strict=True))
+    named = [labels.index(label) for label in references if label in labels]
+    chosen = named or [best]
+    against = _all_against([result.records for result in results], chosen)
+    rows = (
+        Row(result, estimates[k], k == best, {labels[r]: against[k, r] for r in chosen if r != k})
+        for k, result in enumerate(results)
+    )
+    return Group(scenario, value, tuple(rows), tuple(labels[r] for r in chosen), picked=not named)
+
+
+def _all_against(records: Sequence[EpisodeRecords], references: Sequence[int]) -> dict[tuple[int, int], Against]:
+    """(policy, reference) -> the comparison; two references are compared, and counted by Holm's correction, once."""
+    pairs = [
+        (k, r)
+        for place, r in enumerate(references)
+        for k in range(len(records))
+        if k != r and k not in references[:place]
+    ]
+    found = [_against(records[k], records[r]) for k, r in pairs]
+    times = holm([one.search_time.p_value for one in found])
+    rates = holm([one.success_rate.p_value for one in found])
+    against = {}
+    for pair, one, time_p, rate_p in zip(pairs, found, times, rates, strict=True):
+        against[pair] = one.corrected(time_p, rate_p)
+        against[pair[::-1]] = against[pair].mirrored()
+    return against
+
+
+def _against(records: EpisodeRecords, reference: EpisodeRecords) -> Against:
+    mine, theirs = records.common_seeds(reference)
+    times, reference_times = (pair.values("capped_search_time") for pair in (mine, theirs))
+    return Against(
+        compare_paired(times, reference_times),
+        compare_successes(mine.values("success_rate"), theirs.values("success_rate")),
+        bootstrap_mean(wins(reference_times, times)),
+        wilcoxon(times, reference_times) if times.size else float("nan"),
     )
 
 
-def over_all(groups: Sequence[Group]) -> dict[str, Estimate]:
-    """Policy -> interquartile mean of its capped search times, s, over the scenarios (tasks) and seeds (runs).
-
-    Only of policies that flew the same number of episodes in every scenario.
-    """
-    estimates = {}
-    for label in dict.fromkeys(row.label for group in groups for row in group.rows):
-        times = [
-            row.result.records.values("capped_search_time")
-            for group in groups
-            for row in group.rows
-            if row.label == label
-        ]
-        if len(times) == len(groups) and len({column.size for column in times}) == 1:
-            estimates[label] = stratified_interquartile_mean(np.stack(times, axis=1))
-    return estimates
+def _negative(comparison: Comparison) -> Comparison:
+    value, low, high = comparison.difference
+    return comparison._replace(difference=Estimate(-value, -high, -low))
 
 
 def wide(groups: Iterable[Group]) -> list[dict[str, Any]]:
@@ -120,19 +163,42 @@ def wide(groups: Iterable[Group]) -> list[dict[str, Any]]:
                 "episodes": len(cell.seeds),
             }
             for measure, estimate in row.estimates.items():
-                line |= {measure: estimate.value, f"{measure}_low": estimate.low, f"{measure}_high": estimate.high}
-            against = row.against_best or Comparison(NOTHING, float("nan"), 0)
-            line |= {
-                "best": row.against_best is None,
-                "difference_from_best": against.difference.value,
-                "difference_from_best_low": against.difference.low,
-                "difference_from_best_high": against.difference.high,
-                "p_holm": against.p_value,
-                "p_wilcoxon": row.wilcoxon_p,
-                "pairs": against.pairs,
-            }
-            lines.append({key: None if value != value else value for key, value in line.items()})
+                line |= _spread(measure, estimate)
+            line["best"] = row.best
+            lines.append(_without_nan(line))
     return lines
+
+
+def comparisons(groups: Iterable[Group]) -> list[dict[str, Any]]:
+    """Every policy against every reference as plain values, SI units: differences are policy minus reference."""
+    return [
+        _without_nan(
+            {
+                "scenario": group.scenario,
+                "value": group.value,
+                "policy": row.label,
+                "reference": reference,
+                "pairs": against.search_time.pairs,
+                **_spread("search_time_difference", against.search_time.difference),
+                "search_time_p_holm": against.search_time.p_value,
+                "search_time_p_wilcoxon": against.wilcoxon_p,
+                **_spread("success_rate_difference", against.success_rate.difference),
+                "success_rate_p_holm": against.success_rate.p_value,
+                **_spread("reference_faster", against.reference_faster),
+            }
+        )
+        for group in groups
+        for row in group.rows
+        for reference, against in row.against.items()
+    ]
+
+
+def _spread(name: str, estimate: Estimate) -> dict[str, float]:
+    return {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+
+
+def _without_nan(line: dict[str, Any]) -> dict[str, Any]:
+    return {key: None if value != value else value for key, value in line.items()}
 
 
 def wide_frame(groups: Iterable[Group]) -> pd.DataFrame:
@@ -140,6 +206,13 @@ def wide_frame(groups: Iterable[Group]) -> pd.DataFrame:
     import pandas as pd
 
     return pd.DataFrame(wide(groups))
+
+
+def comparisons_frame(groups: Iterable[Group]) -> pd.DataFrame:
+    """`comparisons` as a table."""
+    import pandas as pd
+
+    return pd.DataFrame(comparisons(groups))
 
 
 def episodes_frame(results: Iterable[Result]) -> pd.DataFrame:

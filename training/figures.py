@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
+import matplotlib
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 from baselines import Policy
 from osl_env.envs.render import TrackRecorder
@@ -18,12 +22,14 @@ from osl_env.world import World
 from training.benchmark import Sweep
 from training.comparison import Group
 from training.flight import fly
+from training.overall import Profiles
 from training.records import write_bytes
 from training.statistics import Estimate
 
 # Okabe and Ito's palette, told apart by colour-blind readers
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C8C8C", "#7A5195", "#A6761D")
 MARKERS = "osD^vPX*<>"
+_LINES = ("-", "--", ":")
 _PANELS = (("success_rate", 100.0, "success rate, %"), ("capped_search_time", 1 / 60, "capped mean search time, min"))
 _ENERGY = (
     ("energy_flying", "flying (distance)"),
@@ -35,8 +41,48 @@ _ENERGY = (
 
 def save(figure: Figure, path: Path) -> None:
     """Write `figure` to `path` (.png), whole or not at all."""
+    write_bytes(path, lambda file: write_png(figure, file))
+
+
+def write_png(figure: Figure, file: IO[bytes], dpi: int = 150) -> None:
+    """Write `figure` into an open file."""
+    _verbatim(figure)
     FigureCanvasAgg(figure)  # attaches itself: no global pyplot state
-    write_bytes(path, lambda file: figure.savefig(file, format="png", dpi=150))
+    figure.savefig(file, format="png", dpi=dpi)
+
+
+def svg(figure: Figure) -> str:
+    """`figure` as an SVG document without background, its texts as texts."""
+    _verbatim(figure)
+    file = io.StringIO()
+    FigureCanvasSVG(figure)
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "osl"}):
+        figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    return file.getvalue()
+
+
+def _verbatim(figure: Figure) -> None:
+    """A dollar in a label is a dollar, not the beginning of a formula."""
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
+
+
+def profile_lines(profiles: Profiles) -> Figure:
+    """Performance profiles: the share of the episodes that have found the source, over the search time."""
+    figure = Figure(figsize=(7.5, 4.6), layout="constrained")
+    axis = figure.subplots()
+    minutes = profiles.thresholds / 60
+    for k, (label, profile) in enumerate(profiles.of.items()):
+        colour, line = PALETTE[k % len(PALETTE)], _LINES[k // len(PALETTE) % len(_LINES)]
+        axis.plot(minutes, profile.share * 100, label=label, linewidth=1.6, color=colour, linestyle=line)
+        axis.fill_between(minutes, profile.low * 100, profile.high * 100, color=colour, alpha=0.15, linewidth=0)
+    axis.set_xlim(0.0, float(minutes[-1]))
+    axis.set_ylim(0.0, 101.0)
+    axis.set_xlabel("search time, min")
+    axis.set_ylabel("episodes with the source found, %")
+    axis.grid(alpha=0.3)
+    figure.legend(loc="outside right upper", fontsize=8, frameon=False)
+    return figure
 
 
 def last_moment(policy: Policy, scenario: Scenario, seed: int) -> Figure:
@@ -55,7 +101,10 @@ def last_moment(policy: Policy, scenario: Scenario, seed: int) -> Figure:
 
 
 def side_by_side(groups: Sequence[Group], title: str) -> Figure:
-    """One row a scenario; success rate left, capped mean search time right; a policy is a dot, the best in orange."""
+    """One row a scenario; success rate left, capped mean search time right; a policy is a dot, the best in orange.
+
+    Without a title the scenarios' names are left out as well, for a page that says them.
+    """
     n_policies = max(len(group.rows) for group in groups)
     figure = Figure(figsize=(9.0, 1.0 + len(groups) * (0.7 + 0.27 * n_policies)), layout="constrained")
     axes = figure.subplots(len(groups), 2, squeeze=False)
@@ -63,14 +112,15 @@ def side_by_side(groups: Sequence[Group], title: str) -> Figure:
         rows = sorted(group.rows, key=lambda row: -row.estimates["capped_search_time"].value)
         for axis, (measure, scale, label) in zip((rate, time), _PANELS, strict=True):
             for height, row in enumerate(rows):
-                colour = PALETTE[0] if row.against_best is not None else PALETTE[1]
+                colour = PALETTE[1] if row.best else PALETTE[0]
                 _dot(axis, height, row.estimates[measure], scale, colour)
             axis.set_yticks(range(len(rows)), [row.label for row in rows] if axis is rate else [""] * len(rows))
             axis.set_xlabel(label)
             axis.grid(axis="x", alpha=0.3)
         rate.set_xlim(0.0, 102.0)
         time.set_xlim(0.0, rows[0].result.case.cell.scenario.ending.time_limit / 60 * 1.02)
-        rate.set_title(group.scenario, loc="left", fontsize=10)
+        if title:
+            rate.set_title(group.scenario, loc="left", fontsize=10)
     figure.suptitle(title, fontsize=11)
     return figure
 

@@ -14,7 +14,8 @@ from rich.text import Text
 
 from osl_env.scenario import Scenario
 from training.benchmark import Sweep
-from training.comparison import Group, Row, over_all
+from training.comparison import Group, Row
+from training.overall import over_all
 from training.statistics import Estimate
 
 MISSING = "-"
@@ -55,10 +56,6 @@ SEARCH: Columns = (
     ("false\n%", lambda row: number(row.estimates["false_declaration_rate"].value * _PER_CENT, 0)),
     ("capped MST min\n[95 %]", lambda row: with_interval(row.estimates["capped_search_time"], _MINUTES)),
 )
-AGAINST_BEST: Columns = (
-    ("vs best\nmin", lambda row: _difference(row)),
-    ("p\n(Holm)", lambda row: "" if row.against_best is None else p_text(row.against_best.p_value)),
-)
 COST: Columns = (
     ("MST found min\n[95 %]", lambda row: with_interval(row.estimates["search_time_of_successes"], _MINUTES)),
     ("mission\nmin", lambda row: number(row.estimates["mission_time"].value * _MINUTES)),
@@ -73,29 +70,59 @@ def _three_figures(value: float) -> str:
     return number(value, 2 if value < 10 else 1 if value < 100 else 0)
 
 
-def _difference(row: Row) -> str:
-    return "best" if row.against_best is None else f"{row.against_best.difference.value * _MINUTES:+.1f}"
+def _against(reference: str, name: str) -> Columns:
+    """The columns of the differences from the policy labelled `reference`, called `name`."""
+
+    def difference(row: Row) -> str:
+        if reference not in row.against:
+            return "best" if name == "best" else "ref."
+        return f"{row.against[reference].search_time.difference.value * _MINUTES:+.1f}"
+
+    def p_value(row: Row) -> str:
+        return p_text(row.against[reference].search_time.p_value) if reference in row.against else ""
+
+    return ((f"vs {folded(name)}\nmin", difference), ("p\n(Holm)", p_value))
+
+
+def reference_names(group: Group) -> dict[str, str]:
+    """Label of each reference -> how a table calls it: by its label, or "best" where the benchmark names none."""
+    return {label: "best" if group.picked else label for label in group.references}
+
+
+def folded(label: str) -> str:
+    """`label` on several lines, broken at hyphens, where it would make a column wide."""
+    return re.sub(r"-(?=[^-]{6,}$)", "-\n", label)
 
 
 def group_tables(groups: Sequence[Group], sweep: Sweep | None = None) -> RenderableType:
-    """Both tables of every group: outcome, then cost."""
+    """The tables of every group: outcome, comparison, cost; one comparison stands beside the outcome."""
     parts: list[RenderableType] = []
     for group in groups:
         parts += [Text(_title(group, sweep), style="bold"), Text(_conditions(group), style="dim")]
-        outcome = (*SEARCH, *AGAINST_BEST) if len(group.rows) > 1 else SEARCH
-        parts += [_table(group.rows, outcome), Text(), _table(group.rows, COST), Text()]
+        against = [
+            column
+            for reference, name in reference_names(group).items()
+            for column in _against(reference, name)
+            if len(group.rows) > 1
+        ]
+        if len(against) > 2:
+            parts += [_table(group.rows, SEARCH), Text(), _table(group.rows, against)]
+        else:
+            parts += [_table(group.rows, (*SEARCH, *against))]
+        parts += [Text(), _table(group.rows, COST), Text()]
     return Lines(*parts)
 
 
 def overall_table(groups: Sequence[Group]) -> RenderableType:
-    """One figure a policy over all scenarios, best first."""
-    estimates = over_all(groups)
+    """A line a policy over all scenarios, best first."""
     table = _plain_table()
     table.add_column("policy", overflow="fold")
-    table.add_column("IQM of capped search times, min [95 %]", justify="right")
-    for label, estimate in sorted(estimates.items(), key=lambda item: item[1].value):
-        table.add_row(label, with_interval(estimate, _MINUTES))
-    return Lines(Text(f"all {len(groups)} scenarios together", style="bold"), table, Text())
+    for header in ("IQM min\n[95 %]", "mean min\n[95 %]", "SR %\n[95 %]"):
+        table.add_column(header, justify="right", no_wrap=True)
+    for one in over_all(groups):
+        times = [with_interval(one.search_time[name], _MINUTES) for name in ("interquartile_mean", "mean")]
+        table.add_row(one.label, *times, with_interval(one.success_rate, _PER_CENT, 0))
+    return Lines(Text(f"all {len(groups)} scenarios together, capped search times", style="bold"), table, Text())
 
 
 def _plain_table() -> Table:
@@ -108,7 +135,7 @@ def _table(rows: Sequence[Row], columns: Columns) -> Table:
     for header, _ in columns:
         table.add_column(header, justify="right", no_wrap=True)
     for row in rows:
-        style = "bold" if row.against_best is None and len(rows) > 1 else ""
+        style = "bold" if row.best and len(rows) > 1 else ""
         table.add_row(row.label, *(text(row) for _, text in columns), style=style)
     return table
 
@@ -119,8 +146,13 @@ def _title(group: Group, sweep: Sweep | None) -> str:
     return f"{group.scenario}, {sweep.label or sweep.key} = {group.value:g}"
 
 
-def conditions(scenario: Scenario, seeds: Sequence[int]) -> str:
-    """What a reader must know of a scenario and its seeds to compare figures: one line."""
+def conditions(scenario: Scenario, seeds: Sequence[int], *, swept: bool = False) -> str:
+    """What a reader must know of a scenario and its seeds to compare figures: one line.
+
+    `swept`: a parameter is varied, so that only clock and seeds are sure to hold for all rows.
+    """
+    if swept:
+        return f"{scenario.clock} clock, seeds {seeds[0]} to {seeds[-1]}"
     strength = scenario.plume.source_strength * scenario.vehicle.hover_time
     radius = "unlimited" if math.isinf(scenario.radio.radius) else f"{scenario.radio.radius:g} m"
     return (
@@ -153,7 +185,7 @@ def sweep_tables(groups: Sequence[Group], sweep: Sweep | None) -> RenderableType
         table = _plain_table()
         table.add_column(first, overflow="fold")
         for label in labels:
-            table.add_column(re.sub(r"-(?=[^-]{6,}$)", "-\n", label), justify="right", no_wrap=True)
+            table.add_column(folded(label), justify="right", no_wrap=True)
         for group in groups:
             cells = {row.label: with_spread(row.estimates[measure], scale, digits) for row in group.rows}
             name = group.scenario if group.value is None else f"{group.value:g}"
@@ -185,9 +217,10 @@ def rules(groups: Sequence[Group], *, with_best: bool = True) -> str:
     if with_best and len(groups) > 1:
         lines.append("IQM: mean of the middle half over scenarios and seeds, bootstrapped within each scenario.")
     if with_best:
+        names = " and ".join(dict.fromkeys(name for group in groups for name in reference_names(group).values()))
         lines.append(
-            "vs best: difference of the capped MST from the best policy on the same seeds; p: paired sign-flip "
-            "permutation test, Holm-corrected over the table."
+            f"vs {names}: difference of the capped MST from {'the best policy' if names == 'best' else names} on the "
+            "same seeds; p: paired sign-flip permutation test, Holm-corrected over the comparisons of the table."
         )
     return "\n".join(lines)
 

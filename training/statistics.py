@@ -1,15 +1,16 @@
 """Statistics of benchmark tables: pure functions of arrays, each with its interval or test.
 
 Rates carry Wilson intervals (Wilson 1927), means carry bias-corrected and accelerated bootstrap intervals (Efron 1987),
-summaries over tasks use the interquartile mean with a stratified bootstrap (Agarwal et al. 2021), and two policies
-on the same seeds are compared by a sign-flip permutation test of the mean difference with Holm's (1979) correction.
+summaries over tasks use the interquartile mean and performance profiles with a stratified bootstrap (Agarwal et al.
+2021), and two policies on the same seeds are compared by a sign-flip permutation test of the mean difference, success
+rates by McNemar's (1947) exact one, with Holm's (1979) correction.
 Every resampling is seeded: the same numbers give the same interval.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,11 +19,10 @@ from scipy import stats
 
 from osl_env.errors import InputError
 from osl_env.parameters import FloatArray
+from training.resampling import RESAMPLES, bca_interval, sign_flip_p, stratified_draws
 
 CONFIDENCE = 0.95
-RESAMPLES = 9999
-SIGN_FLIPS = 49_999  # so many that p < .001 survives Holm's correction over a table
-_BATCH = 2000  # resamples held in memory at once
+STRATIFIED_RESAMPLES = 2000  # over a leaderboard's scenarios together each is as large as a table
 
 
 class Estimate(NamedTuple):
@@ -61,7 +61,7 @@ def capped(times: ArrayLike, successes: ArrayLike, limit: float) -> FloatArray:
 
 
 def bootstrap_mean(values: ArrayLike, *, seed: int = 0, confidence: float = CONFIDENCE) -> Estimate:
-    """Mean of `values` (n,), NaN left out, with its BCa bootstrap interval (percentile where BCa is undefined)."""
+    """Mean of `values` (n,), NaN left out, with its BCa bootstrap interval."""
     sample = np.asarray(values, dtype=np.float64)
     sample = sample[~np.isnan(sample)]
     if sample.size == 0:
@@ -71,19 +71,7 @@ def bootstrap_mean(values: ArrayLike, *, seed: int = 0, confidence: float = CONF
         return Estimate(mean, math.nan, math.nan)
     if np.ptp(sample) == 0.0:
         return Estimate(mean, mean, mean)
-    for method in ("BCa", "percentile"):
-        result = stats.bootstrap(
-            (sample,),
-            np.mean,
-            method=method,
-            n_resamples=RESAMPLES,
-            confidence_level=confidence,
-            rng=np.random.default_rng(seed),
-        )
-        interval = result.confidence_interval
-        if math.isfinite(interval.low) and math.isfinite(interval.high):
-            break
-    return Estimate(mean, float(interval.low), float(interval.high))
+    return Estimate(mean, *bca_interval(sample, seed=seed, confidence=confidence))
 
 
 def stratified_mean(samples: Sequence[FloatArray], *, seed: int = 0, confidence: float = CONFIDENCE) -> Estimate:
@@ -103,48 +91,131 @@ def interquartile_mean(scores: ArrayLike) -> float:
     return float(stats.trim_mean(np.asarray(scores, dtype=np.float64).ravel(), 0.25))
 
 
-def stratified_interquartile_mean(
-    scores: ArrayLike, *, seed: int = 0, resamples: int = 2000, confidence: float = CONFIDENCE
-) -> Estimate:
-    """Interquartile mean of `scores` (runs, tasks) with a percentile interval from resampling the runs of each task.
+def _interquartile_means(samples: FloatArray) -> FloatArray:
+    return np.asarray(stats.trim_mean(samples.reshape(len(samples), -1), 0.25, axis=1))
 
+
+def _means(samples: FloatArray) -> FloatArray:
+    return np.asarray(samples.mean(axis=(1, 2)))
+
+
+def _medians_of_tasks(samples: FloatArray) -> FloatArray:
+    return np.asarray(np.median(samples.mean(axis=1), axis=1))
+
+
+# name -> statistic of (m, runs, tasks), as rliable's aggregates
+AGGREGATES: dict[str, Callable[[FloatArray], FloatArray]] = {
+    "interquartile_mean": _interquartile_means,
+    "mean": _means,
+    "median_of_tasks": _medians_of_tasks,
+}
+
+
+def aggregates(
+    scores: ArrayLike, *, seed: int = 0, resamples: int = STRATIFIED_RESAMPLES, confidence: float = CONFIDENCE
+) -> dict[str, Estimate]:
+    """Each of `AGGREGATES` of `scores` (runs, tasks), with a percentile interval from resampling the runs of each task.
+
+    Interquartile mean: of the middle half of all entries; mean: of all; median: of the tasks' means.
     Raises InputError if `scores` is not a matrix with at least one run and one task.
     """
     matrix = np.asarray(scores, dtype=np.float64)
     if matrix.ndim != 2 or 0 in matrix.shape:
         raise InputError(f"scores have shape {matrix.shape}: must be (runs, tasks), at least one of each")
-    runs, tasks = matrix.shape
-    rows = np.random.default_rng(seed).integers(0, runs, (resamples, runs, tasks))
-    samples = matrix[rows, np.arange(tasks)].reshape(resamples, -1)
-    draws = stats.trim_mean(samples, 0.25, axis=1)
     tail = (1.0 - confidence) / 2.0
-    low, high = np.quantile(draws, (tail, 1.0 - tail))
-    return Estimate(interquartile_mean(matrix), float(low), float(high))
+    draws = stratified_draws(matrix, list(AGGREGATES.values()), seed=seed, resamples=resamples)
+    estimates = {}
+    for (name, statistic), drawn in zip(AGGREGATES.items(), draws, strict=True):
+        low, high = np.quantile(drawn, (tail, 1.0 - tail))
+        estimates[name] = Estimate(float(statistic(matrix[None])[0]), float(low), float(high))
+    return estimates
+
+
+def stratified_interquartile_mean(
+    scores: ArrayLike, *, seed: int = 0, resamples: int = STRATIFIED_RESAMPLES, confidence: float = CONFIDENCE
+) -> Estimate:
+    """The interquartile mean among `aggregates`."""
+    return aggregates(scores, seed=seed, resamples=resamples, confidence=confidence)["interquartile_mean"]
+
+
+class Profile(NamedTuple):
+    """A performance profile: the share of runs below each threshold, with pointwise confidence bands; (m,) each."""
+
+    share: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+def performance_profile(
+    samples: Sequence[ArrayLike],
+    thresholds: ArrayLike,
+    *,
+    seed: int = 0,
+    resamples: int = STRATIFIED_RESAMPLES,
+    confidence: float = CONFIDENCE,
+) -> Profile:
+    """Share of the runs strictly below each of `thresholds` (m,), ascending; each of `samples` (n_k,) weighs the same.
+
+    Bands from resampling the runs within each sample: as only the counts between thresholds matter, they are drawn
+    from a multinomial law. Raises InputError without samples, for an empty one, or for descending thresholds.
+    """
+    limits = np.asarray(thresholds, dtype=np.float64)
+    strata = [np.asarray(sample, dtype=np.float64) for sample in samples]
+    if not strata or any(sample.size == 0 for sample in strata) or np.any(np.diff(limits) < 0):
+        raise InputError("a performance profile needs samples, none of them empty, and ascending thresholds")
+    rng = np.random.default_rng(seed)
+    share, draws = np.zeros(limits.size), np.zeros((resamples, limits.size))
+    for sample in strata:
+        bins = np.bincount(np.searchsorted(limits, sample, side="right"), minlength=limits.size + 1)
+        share += np.cumsum(bins[:-1]) / sample.size
+        drawn = rng.multinomial(sample.size, bins / sample.size, size=resamples)
+        draws += np.cumsum(drawn[:, :-1], axis=1) / sample.size
+    tail = (1.0 - confidence) / 2.0
+    low, high = np.quantile(draws / len(strata), (tail, 1.0 - tail), axis=0)
+    return Profile(share / len(strata), low, high)
+
+
+def wins(first: ArrayLike, second: ArrayLike) -> FloatArray:
+    """(n,) 1 where `first` is below `second` (n,), 0 where it is above, one half for a tie.
+
+    Its mean over the pairs is the probability of improvement, for lower is better and on the same seeds.
+    """
+    difference = np.asarray(first, dtype=np.float64) - np.asarray(second, dtype=np.float64)
+    return np.asarray(0.5 - 0.5 * np.sign(difference))
+
+
+def _differences(first: ArrayLike, second: ArrayLike) -> FloatArray:
+    a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    if a.shape != b.shape or a.ndim != 1:
+        raise InputError(f"paired samples have shapes {a.shape} and {b.shape}: must be (n,) and (n,)")
+    return np.asarray(a - b)
 
 
 def compare_paired(first: ArrayLike, second: ArrayLike, *, seed: int = 0) -> Comparison:
     """Mean difference first - second over pairs (n,), with a bootstrap interval and a sign-flip permutation p value.
 
-    The test is exact up to 15 pairs and random above (49,999 flips: p >= 4e-5). Raises InputError for unequal sizes.
+    The test is exact up to 15 pairs and random above (49,999 flips: p >= 2e-5). Raises InputError for unequal sizes.
     """
-    a, b = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
-    if a.shape != b.shape or a.ndim != 1:
-        raise InputError(f"paired samples have shapes {a.shape} and {b.shape}: must be (n,) and (n,)")
-    difference = bootstrap_mean(a - b, seed=seed)
-    if a.size < 2:
-        return Comparison(difference, math.nan, a.size)
-    if not np.any(a - b):
-        return Comparison(difference, 1.0, a.size)
-    test = stats.permutation_test(
-        (a - b,),
-        np.mean,
-        permutation_type="samples",
-        vectorized=True,
-        n_resamples=SIGN_FLIPS,
-        batch=_BATCH,
-        rng=np.random.default_rng(seed),
-    )
-    return Comparison(difference, float(test.pvalue), a.size)
+    differences = _differences(first, second)
+    difference = bootstrap_mean(differences, seed=seed)
+    if differences.size < 2:
+        return Comparison(difference, math.nan, differences.size)
+    p_value = sign_flip_p(differences, seed=seed) if np.any(differences) else 1.0
+    return Comparison(difference, p_value, differences.size)
+
+
+def compare_successes(first: ArrayLike, second: ArrayLike, *, seed: int = 0) -> Comparison:
+    """Difference first - second of success rates over pairs (n,) of 0 and 1, with McNemar's exact two-sided p value.
+
+    Raises InputError for unequal sizes.
+    """
+    differences = _differences(first, second)
+    difference = bootstrap_mean(differences, seed=seed)
+    if differences.size < 2:
+        return Comparison(difference, math.nan, differences.size)
+    discordant = int(np.count_nonzero(differences))
+    p_value = stats.binomtest(int(np.count_nonzero(differences > 0)), discordant).pvalue if discordant else 1.0
+    return Comparison(difference, float(p_value), differences.size)
 
 
 def wilcoxon(first: ArrayLike, second: ArrayLike) -> float:

@@ -28,7 +28,8 @@ from training.records import make_folder
 
 
 @functools.cache
-def _digest_of_sources() -> str:
+def digest_of_sources() -> str:
+    """SHA-256 over the sources of `osl_env` and `baselines`."""
     digest = hashlib.sha256()
     for package in (osl_env, baselines):
         folder = Path(str(package.__file__)).parent
@@ -59,7 +60,7 @@ def cell_key(scenario: Scenario, policy: Policy) -> str:
         "scenario": scenario.hash,
         "policy": policy.name,
         "parameters": parameters_of(policy),
-        "code": [_digest_of_sources(), _digest_of_module(policy)],
+        "code": [digest_of_sources(), _digest_of_module(policy)],
     }
     digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
     return f"{scenario.name}_{policy.name}_{digest[:16]}".replace(os.sep, "-")

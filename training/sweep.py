@@ -162,6 +162,12 @@ def run_cells(
     ]
 
 
+def finished_episodes(cells: Sequence[Cell], store: Store | None) -> tuple[int, int]:
+    """How many of the episodes of `cells` are in `store`, and how many there are: what cells share counts once."""
+    plan = _Plan(cells, store)
+    return plan.done, plan.total
+
+
 @contextlib.contextmanager
 def _one_interrupt() -> Iterator[None]:
     """Let the first Ctrl-C through and ignore those that follow it, which would break off the ending of the workers."""

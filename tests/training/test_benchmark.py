@@ -6,18 +6,23 @@ import math
 from pathlib import Path
 
 import guesser
+import numpy as np
 import pytest
 from rich.console import Console
 
+from baselines import policy_names
+from baselines.policy import SHIPPED_CHECKPOINTS
 from osl_env.errors import InputError
 from training.benchmark import Benchmark, Result, benchmark_names, load_benchmark, run_benchmark
-from training.comparison import grouped, wide
-from training.figures import curves, energy_bars, save, side_by_side
+from training.comparison import comparisons, grouped, wide
+from training.figures import curves, energy_bars, profile_lines, save, side_by_side
+from training.overall import over_all, profiles
 from training.records import EpisodeRecords, write_table
 from training.report import group_tables, overall_table, rules, sweep_tables
 from training.reproduce.claims import Beats, Helps, Saturates
 from training.reproduce.experiment import Experiment, reproduce
 from training.reproduce.muc_osl import EXPERIMENTS
+from training.statistics import compare_paired, holm
 
 assert guesser  # registers the policy that the files below name
 
@@ -77,6 +82,14 @@ def test_limits_apply_to_every_case() -> None:
             "title: x\nscenarios: [rate-60x60x30]\npolicies: [guesser]\nsweep: {key: team.n_uavs, values: [0]}\n",
             "n_uavs",
         ),
+        (
+            "title: x\nscenarios: [rate-60x60x30]\npolicies: [guesser]\ncompare: nobody\n",
+            "compare = 'nobody': must be one of the policies guesser",
+        ),
+        (
+            "title: x\nscenarios: [rate-60x60x30]\npolicies: [guesser]\ncompare: [guesser, guesser]\n",
+            "each once",
+        ),
         ("[1, 2]", "mapping"),
         ("title: [", "is not YAML"),
     ],
@@ -91,21 +104,91 @@ def test_a_bad_file_is_named_with_its_key(tmp_path: Path, text: str, complaint: 
 
 
 def test_comparison_is_with_the_best_on_common_seeds(results: list[Result]) -> None:
-    for group in grouped(results):
-        best = [row for row in group.rows if row.against_best is None]
-        others = [row for row in group.rows if row.against_best is not None]
-        assert len(best) == len(others) == 1
-        assert others[0].against_best is not None
-        assert others[0].against_best.pairs == 3
-        assert others[0].against_best.difference.value >= 0.0 or others[0].label == "impatient"
-    lines = wide(grouped(results))
+    groups = grouped(results)
+    for group in groups:
+        (best,) = (row for row in group.rows if row.best)
+        (other,) = (row for row in group.rows if not row.best)
+        assert group.picked
+        assert group.references == (best.label,)
+        assert best.against == {}
+        assert other.against[best.label].search_time.pairs == 3
+        assert other.against[best.label].search_time.difference.value >= 0.0 or other.label == "impatient"
+    lines = wide(groups)
     assert [line["best"] for line in lines].count(True) == 2
-    assert {"success_rate_low", "energy_turning", "p_holm", "bytes_high"} <= set(lines[0])
+    assert {"success_rate_low", "energy_turning", "bytes_high"} <= set(lines[0])
+    assert [line["reference"] for line in comparisons(groups)] == [group.references[0] for group in groups]
+
+
+def test_a_named_reference_is_compared_with_all_others(results: list[Result]) -> None:
+    for group in grouped(results, ["impatient"]):
+        guesser_row, impatient = group.rows
+        assert not group.picked
+        assert impatient.against == {}
+        times = [row.result.records.values("capped_search_time")[:3] for row in (guesser_row, impatient)]
+        difference = guesser_row.against["impatient"].search_time.difference
+        assert difference.value == pytest.approx((times[0] - times[1]).mean())
+
+
+def test_two_references_are_compared_with_each_other_once(results: list[Result]) -> None:
+    """Holm's correction over one comparison changes nothing; counted twice, it would double p."""
+    alone = grouped(results, ["impatient"])
+    both = grouped(results, ["impatient", "guesser"])
+    for one, two in zip(alone, both, strict=True):
+        (mine,) = (row.against["impatient"] for row in one.rows if row.against)
+        forth, back = two.rows[0].against["impatient"], two.rows[1].against["guesser"]
+        assert forth == mine
+        assert back.search_time.p_value == mine.search_time.p_value
+        assert back.search_time.difference.value == -mine.search_time.difference.value
+        assert back.search_time.difference.low == -mine.search_time.difference.high
+        assert back.reference_faster.value == pytest.approx(1.0 - mine.reference_faster.value)
+
+
+def test_holm_counts_all_comparisons_of_a_group() -> None:
+    text = """
+title: three guessers
+seeds: {count: 8}
+scenarios: [{scenario: rate-60x60x30, overrides: {ending.success_radius: 50}}]
+policies:
+  - guesser
+  - {policy: guesser, parameters: {patience: 3}, label: a}
+  - {policy: guesser, parameters: {patience: 2}, label: b}
+compare: [guesser, a]
+"""
+    benchmark = load_text(text)
+    results = run_benchmark(benchmark, n_jobs=1)
+    (group,) = grouped(results, benchmark.compare)
+    times = {row.label: row.result.records.values("capped_search_time") for row in group.rows}
+    pairs = [("a", "guesser"), ("b", "guesser"), ("b", "a")]
+    expected = holm([compare_paired(times[one], times[other]).p_value for one, other in pairs])
+    found = {row.label: row.against for row in group.rows}
+    assert [found[one][other].search_time.p_value for one, other in pairs] == pytest.approx(expected)
+
+
+def test_over_all_takes_policies_with_equal_numbers_of_episodes(results: list[Result]) -> None:
+    overall = over_all(grouped(results, ["guesser"]))
+    assert {one.label: one.episodes for one in overall} == {"guesser": 4, "impatient": 3}
+    (impatient,) = (one for one in overall if one.label == "impatient")
+    assert set(impatient.reference_faster) == {"guesser"}
+    times = np.stack([r.records.values("capped_search_time") for r in results if r.case.policy == "impatient"], axis=1)
+    assert impatient.search_time["mean"].value == pytest.approx(times.mean())
+    rates = [r.records.values("success_rate").mean() for r in results if r.case.policy == "impatient"]
+    assert impatient.success_rate.value == pytest.approx(np.mean(rates))
+    assert over_all(grouped(results[:3])) != []
+    assert [one.label for one in over_all(grouped(results[:3]))] == ["guesser"]  # the other flew in one scenario only
+
+
+def test_profiles_end_at_the_success_rate(results: list[Result]) -> None:
+    groups = grouped(results)
+    found = profiles(groups)
+    rates = {one.label: one.success_rate.value for one in over_all(groups)}
+    assert {label: profile.share[-1] for label, profile in found.of.items()} == pytest.approx(rates)
 
 
 def test_tables_fit_eighty_columns(results: list[Result]) -> None:
     console = Console(width=80, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
     groups = grouped(results)
+    console.print(group_tables(grouped(results, ["impatient", "guesser"])))
+    console.print(rules(grouped(results, ["impatient", "guesser"])))
     console.print(group_tables(groups))
     console.print(sweep_tables(groups, None))
     console.print(overall_table(groups))
@@ -123,10 +206,12 @@ def test_figures_are_written_whole(results: list[Result], tmp_path: Path) -> Non
         "dots": side_by_side(groups, "t"),
         "curves": curves(groups, "t", None),
         "bars": energy_bars(groups, "t"),
+        "profile": profile_lines(profiles(groups)),
+        "formula": side_by_side(groups, "$\\broken{$"),
     }.items():
         save(figure, tmp_path / f"{name}.png")
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-    assert len(list(tmp_path.iterdir())) == 3
+    assert len(list(tmp_path.iterdir())) == 5
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".parquet"])
@@ -149,6 +234,19 @@ def test_an_empty_record_list_has_a_frame() -> None:
 def test_shipped_benchmarks_load() -> None:
     for name in benchmark_names():
         assert load_benchmark(name).cases()
+
+
+def test_the_leaderboard_flies_everyone_on_seeds_that_nobody_trained_on() -> None:
+    leaderboard = load_benchmark("leaderboard")
+    areas = ("rate-60x60x30", "rate-100x60x30", "rate-100x100x50", "rate-100x200x50")
+    assert {entry.scenario for entry in leaderboard.scenarios} == {*areas, *(f"{area}-random" for area in areas)}
+    assert leaderboard.seeds.first >= 100_000
+    episodes = {entry.policy: entry.episodes or leaderboard.seeds.count for entry in leaderboard.policies}
+    assert min(episodes.values()) >= 200
+    shipped = set(SHIPPED_CHECKPOINTS) & set(policy_names())
+    assert shipped <= set(episodes)
+    assert all(episodes[name] >= 1000 for name in shipped)
+    assert {entry.policy for entry in load_benchmark("muc_osl_random").policies} <= set(episodes)
 
 
 SWEEP = """
