@@ -22,6 +22,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from osl_env.actions import Action
+from osl_env.configuration import config_folder
 from osl_env.errors import InputError
 from osl_env.observation import Observation
 from osl_env.parameters import FloatArray, Parameters, one_line
@@ -115,6 +116,16 @@ class Policy(Parameters):
     def act(self, observation: Observation, inbox: Sequence[Message]) -> Action:
         """The command for the next leg or period, given the frames heard since the last decision."""
 
+    @classmethod
+    def act_batch(
+        cls, pilots: Sequence[Policy], observations: Sequence[Observation], inboxes: Sequence[Sequence[Message]]
+    ) -> list[Action]:
+        """`act` of every copy of one policy that decides now; a network overrides this to decide in one pass.
+
+        The actions must be those that `act` gives one at a time, bit for bit: an episode does not depend on its batch.
+        """
+        return [pilot.act(seen, inbox) for pilot, seen, inbox in zip(pilots, observations, inboxes, strict=True)]
+
     def belief(self) -> Belief | None:
         """The present belief about the source, if the policy holds one."""
         return None
@@ -143,6 +154,13 @@ _MODULES: dict[str, str] = {
     "random-walk": "baselines.random_walk",
     "lawnmower": "baselines.lawnmower",
     "surge-cast": "baselines.surge_cast",
+    "checkpoint": "baselines.learned.policies",
+}
+SHIPPED_CHECKPOINTS = ("rppo-raw", "ppo-belief")  # learned; known where their checkpoint is there
+_MODULES |= {
+    name: "baselines.learned.policies"
+    for name in SHIPPED_CHECKPOINTS
+    if (config_folder() / "checkpoints" / name / "checkpoint.yaml").is_file()
 }
 _REGISTRY: dict[str, type[Policy]] = {}
 

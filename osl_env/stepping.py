@@ -60,7 +60,7 @@ def fly_hops(
         for i in range(n_uavs):
             m = motion[e, i]
             if m.active and m.ready:
-                k = hop_inside(m, c.area, table, actions[e, i], c.hop_lengths, hover)
+                k = hop_inside(m.position, c.area, table, actions[e, i], c.hop_lengths, hover)
                 for axis in range(3):
                     m.target[axis] = m.position[axis] + table[k, axis]
                 begin_leg(m, ledger[e, i], c, clock, table[k, 3], table[k, 4], table[k, 5], table[k, 6], table[k, 7], 1)

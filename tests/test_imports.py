@@ -17,7 +17,17 @@ MODULES = sorted(
 
 # a module may import from its own layer and from those above it in this list
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("errors", "numerics", "streams", "parameters", "state", "configuration", "actions", "kernel_cache"),
+    (
+        "errors",
+        "numerics",
+        "streams",
+        "parameters",
+        "state",
+        "configuration",
+        "actions",
+        "agent_actions",
+        "kernel_cache",
+    ),
     ("arena",),
     ("plumes", "winds", "vehicles", "energy", "sensors", "radio", "reward", "placement"),
     ("scenario",),

@@ -50,7 +50,11 @@ def test_the_wheel_holds_packages_and_configurations_and_nothing_else(wheel: Pat
     assert tops == {"osl_env", "baselines", "training"}
     assert "osl_env/configs/scenarios/rate-100x60x30.yaml" in names
     assert "osl_env/configs/benchmarks/demo.yaml" in names
-    assert not [name for name in names if not name.endswith((".py", ".yaml", "py.typed")) and ".dist-info/" not in name]
+    assert not [
+        name
+        for name in names
+        if not name.endswith((".py", ".yaml", ".safetensors", "py.typed")) and ".dist-info/" not in name
+    ]
     assert [name for name in names if name.endswith("licenses/LICENSE")]
 
 

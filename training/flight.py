@@ -48,8 +48,9 @@ class Flight:
 
 
 def decide(turns: Sequence[Turn]) -> list[Action]:
-    """The actions of all UAVs that decide now, over all worlds: the place where a batched policy decides at once."""
-    return [turn.policy.act(turn.observation, turn.inbox) for turn in turns]
+    """The actions of all UAVs that decide now, over all worlds: a batched policy decides at once for all its copies."""
+    pilots = [turn.policy for turn in turns]
+    return type(pilots[0]).act_batch(pilots, [turn.observation for turn in turns], [turn.inbox for turn in turns])
 
 
 def run_batch(policy: Policy, scenario: Scenario, seeds: Sequence[int]) -> list[EpisodeRecord]:

@@ -1,12 +1,4 @@
-"""Spaces of one UAV, and the translation of the numbers that learned agents give into commands.
-
-`hop`: Discrete(26 l_max + 2). direction * l_max + length - 1 hops; 26 l_max hovers and samples again; 26 l_max + 1
-declares. `waypoint`: Box(-1, 1, (5,)). Target x, y, z over the area's sides; samples, from -1 (one) to 1
-(`max_samples`); declares if above 0.95. `velocity`: Box(-1, 1, (4,)). Velocity x, y, z in units of the greatest speed;
-declares if above 0.95.
-
-To declare is to say "the source is here", at the UAV's own place. Under the rule `reach` declaring means nothing.
-"""
+"""Spaces of one UAV, and the step of a view: actions as `osl_env.agent_actions` defines them, checked and flown."""
 
 from __future__ import annotations
 
@@ -16,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from osl_env.agent_actions import BOX_SIZES, box_declares, box_velocities, box_waypoints, n_hop_actions
 from osl_env.errors import InputError
 from osl_env.observation import Observation, ObservationLayout
 from osl_env.parameters import FloatArray
@@ -24,14 +17,12 @@ from osl_env.state import IntArray
 from osl_env.streams import check_seed, entropy_seed, next_episode_seed
 from osl_env.world import World
 
-DECLARE_ABOVE = 0.95  # the last component of a Box action declares beyond this
-
 
 def uav_action_space(scenario: Scenario) -> spaces.Space[Any]:
-    """The action space of one UAV (see above)."""
+    """The action space of one UAV."""
     if scenario.action == "hop":
-        return spaces.Discrete(26 * scenario.vehicle.hop_lengths + 2)
-    return spaces.Box(-1.0, 1.0, (5 if scenario.action == "waypoint" else 4,), np.float32)
+        return spaces.Discrete(n_hop_actions(scenario.vehicle.hop_lengths))
+    return spaces.Box(-1.0, 1.0, (BOX_SIZES[scenario.action],), np.float32)
 
 
 def flat_space(size: int) -> spaces.Box:
@@ -101,16 +92,16 @@ class ActionTranslator:
         values = array.astype(np.float64)
         if not (np.abs(values) <= 1.0).all():
             raise InputError("actions: must be finite and from -1 to 1")
-        declaring = values[..., -1] > DECLARE_ABOVE
+        declaring = box_declares(values)
         places = None
         if declaring.any():
             places = np.where(declaring[..., None], self.world.motion["position"], np.nan)
         vehicle = self.world.scenario.vehicle
         if self.mode == "velocity":
-            self.world.step_velocities(np.ascontiguousarray(values[..., :3] * vehicle.speed), places)
+            self.world.step_velocities(box_velocities(values, vehicle.speed), places)
             return
-        samples = 1 + np.rint((values[..., 3] + 1.0) / 2.0 * (vehicle.max_samples - 1)).astype(np.int64)
-        self.world.step_waypoints((values[..., :3] + 1.0) / 2.0 * self._area, samples, places)
+        targets, samples = box_waypoints(values, self._area, vehicle.max_samples)
+        self.world.step_waypoints(targets, samples, places)
 
     def masks(self) -> NDArray[np.bool_]:
         """Which hops end inside the area: (n_envs, n_uavs, n_actions) bool; hovering and declaring always may."""

@@ -169,16 +169,22 @@ def advance_to_next(motion: Any, ledger: Any, episode: Any, constants: Any, e: i
     episode[e].clock = clock
 
 
+def hop_offsets(step_length: float, hop_lengths: int) -> FloatArray:
+    """What each hop action moves by, hovering last: (26 l_max + 1, 3) m."""
+    steps = np.repeat(HOP_DIRECTIONS * step_length, hop_lengths, axis=0)
+    lengths = np.tile(np.arange(1.0, hop_lengths + 1.0), len(HOP_DIRECTIONS))
+    return np.concatenate([lengths[:, None] * steps, np.zeros((1, 3))])
+
+
 def hop_table(vehicle: Vehicle) -> FloatArray:
     """What each hop action means: rows of offset (3), m, unit vector (3), length, m, and flight time, s.
 
     Shape (26 l_max + 1, 8); the last row hovers.
     """
-    hop_lengths = vehicle.hop_lengths
-    table = np.zeros((len(HOP_DIRECTIONS) * hop_lengths + 1, 8))
+    offsets = hop_offsets(vehicle.step_length, vehicle.hop_lengths)
+    table = np.zeros((len(offsets), 8))
+    table[:, 0:3] = offsets
     for action in range(len(table) - 1):
-        step = HOP_DIRECTIONS[action // hop_lengths] * vehicle.step_length
-        table[action, 0:3] = (action % hop_lengths + 1) * step
         table[action, 6] = math.sqrt(sum(x * x for x in table[action, 0:3].tolist()))
         table[action, 3:6] = table[action, 0:3] / table[action, 6]
         table[action, 7] = flight_time(table[action, 6], vehicle.speed, vehicle.acceleration)
@@ -186,18 +192,21 @@ def hop_table(vehicle: Vehicle) -> FloatArray:
 
 
 @njit(inline="always", error_model="numpy")
-def _ends_inside(m: Any, area: Any, table: Any, action: int) -> bool:
-    u, v, w = m.position[0] + table[action, 0], m.position[1] + table[action, 1], m.position[2] + table[action, 2]
+def _ends_inside(position: Any, area: Any, table: Any, action: int) -> bool:
+    u, v, w = position[0] + table[action, 0], position[1] + table[action, 1], position[2] + table[action, 2]
     return bool((u >= 0.0) & (u <= area[0]) & (v >= 0.0) & (v <= area[1]) & (w >= 0.0) & (w <= area[2]))
 
 
 @njit(inline="always", error_model="numpy")
-def hop_inside(m: Any, area: Any, table: Any, action: int, hop_lengths: int, hover: int) -> int:
-    """The hop itself if it ends inside the area, else the longest one in its direction that does, else hovering."""
-    if action >= hover or _ends_inside(m, area, table, action):
+def hop_inside(position: Any, area: Any, table: Any, action: int, hop_lengths: int, hover: int) -> int:
+    """The hop itself if it ends inside the area, else the longest one in its direction that does, else hovering.
+
+    `table` holds the offsets of `hop_offsets` in its first columns.
+    """
+    if action >= hover or _ends_inside(position, area, table, action):
         return min(action, hover)
     shortest = action - action % hop_lengths
     for shorter in range(action - 1, shortest - 1, -1):
-        if _ends_inside(m, area, table, shorter):
+        if _ends_inside(position, area, table, shorter):
             return shorter
     return hover

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import copy
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import pytest
+from checkpoints import random_checkpoint, write_sb3
 from worlds import small
 
 from baselines import Briefing, Policy, make_policy, policy_names
@@ -37,6 +40,31 @@ WORLDS: dict[str, dict[str, Any]] = {
     "flat corner": {"arena.size": (20.0, 20.0, 1.0), "sources.positions": [(0.0, 20.0, 1.0)],
                     "team.starts": [(20.0, 0.0, 0.0), (0.0, 0.0, 1.0), (20.0, 20.0, 0.5)]},
 }  # fmt: skip
+
+
+Maker = Callable[..., Policy]
+
+
+@pytest.fixture(scope="module")
+def make(tmp_path_factory: pytest.TempPathFactory) -> Maker:
+    """`make_policy`, with a small model of its own for each policy that flies a user's."""
+    folder = tmp_path_factory.mktemp("models")
+
+    def made(name: str, **parameters: Any) -> Policy:
+        if name == "checkpoint":
+            parameters = {"path": folder / "random"} | parameters
+            if not (folder / "random").exists():
+                random_checkpoint(small(), "lstm").write(folder / "random")
+        if name == "sb3":
+            pytest.importorskip("sb3_contrib")
+            parameters = {"path": folder / "model.zip"} | parameters
+            if not (folder / "model.zip").exists():
+                write_sb3(folder / "model.zip", small())
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", ".*unpickles")
+            return make_policy(name, **parameters)
+
+    return made
 
 
 @dataclass
@@ -144,16 +172,16 @@ def check_belief(pilot: Policy) -> None:
 
 @pytest.mark.parametrize("world", WORLDS)
 @pytest.mark.parametrize("name", NAMES)
-def test_policies_fly_every_kind_of_world(name: str, world: str) -> None:
-    policy = make_policy(name)
+def test_policies_fly_every_kind_of_world(make: Maker, name: str, world: str) -> None:
+    policy = make(name)
     flight = fly(policy, scenario(policy, **{"ending.time_limit": 30.0} | WORLDS[world]))
     assert flight.actions
     assert not flight.world.running[0]
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_policies_are_deterministic_and_forget_with_a_reset(name: str) -> None:
-    policy = make_policy(name)
+def test_policies_are_deterministic_and_forget_with_a_reset(make: Maker, name: str) -> None:
+    policy = make(name)
     task = scenario(policy, **{"ending.time_limit": 60.0})
     first, again = fly(policy, task, 5), fly(policy, task, 5)
     assert first.actions == again.actions
@@ -163,8 +191,8 @@ def test_policies_are_deterministic_and_forget_with_a_reset(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_policies_do_not_know_where_the_source_hides(name: str) -> None:
-    policy = make_policy(name)
+def test_policies_do_not_know_where_the_source_hides(make: Maker, name: str) -> None:
+    policy = make(name)
     flights = []
     for place in ((18.0, 2.0, 1.0), (3.0, 17.5, 9.0)):
         # a declaration is judged by the truth: the success radius makes both right, so that both end alike
@@ -175,8 +203,8 @@ def test_policies_do_not_know_where_the_source_hides(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_copies_are_independent(name: str) -> None:
-    policy = make_policy(name)
+def test_copies_are_independent(make: Maker, name: str) -> None:
+    policy = make(name)
     task = scenario(policy, **{"team.n_uavs": 1, "ending.time_limit": 30.0})
     alone = fly(policy, task, 2).actions
     pilot = fly(policy, task, 9, decisions=4).team[0]
@@ -186,8 +214,8 @@ def test_copies_are_independent(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_policies_do_not_write_into_what_they_are_given(name: str) -> None:
-    policy = make_policy(name)
+def test_policies_do_not_write_into_what_they_are_given(make: Maker, name: str) -> None:
+    policy = make(name)
     task = scenario(policy)
     world = World(task, 1)
     world.reset([1])
@@ -206,17 +234,17 @@ def test_policies_do_not_write_into_what_they_are_given(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_parameters_are_checked_in_one_line(name: str) -> None:
-    policy = make_policy(name)
+def test_parameters_are_checked_in_one_line(make: Maker, name: str) -> None:
+    policy = make(name)
     assert policy.name == name
     assert policy.summary
     with pytest.raises(InputError) as caught:
-        make_policy(name, no_such_parameter=1)
+        make(name, no_such_parameter=1)
     assert str(caught.value) == f"policy {name}: unknown key 'no_such_parameter'"
     for key, entry in type(policy).model_fields.items():
         if isinstance(entry.default, float):
             with pytest.raises(InputError, match=key) as caught:
-                make_policy(name, **{key: float("nan")})
+                make(name, **{key: float("nan")})
             assert "\n" not in str(caught.value)
 
 
