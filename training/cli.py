@@ -21,8 +21,9 @@ from training.commands.bench import Bench
 from training.commands.listing import Listing
 from training.commands.reproduce import Reproduce
 from training.commands.run import Run
+from training.commands.train import Train
 
-DESCRIPTION = """Teams of UAVs that search gas sources in 3D: run policies, compare them, reproduce papers.
+DESCRIPTION = """Teams of UAVs that search gas sources in 3D: run policies, compare them, train them, reproduce papers.
 
 `osl --version` prints the version."""
 
@@ -30,6 +31,7 @@ Command = (
     Annotated[Listing, tyro.conf.subcommand("list")]
     | Annotated[Run, tyro.conf.subcommand("run")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
 )
 
@@ -60,7 +62,7 @@ def _complain(message: str, code: int) -> int:
     return code
 
 
-def _parse(words: list[str]) -> Listing | Run | Bench | Reproduce:
+def _parse(words: list[str]) -> Listing | Run | Bench | Train | Reproduce:
     """The command that `words` mean. Raises InputError, in one line, where tyro would draw a box."""
     said = io.StringIO()
     try:
