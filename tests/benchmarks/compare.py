@@ -16,6 +16,7 @@ SCALE = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"
 OTHERS = {  # ours -> the other code that does the comparable thing
     "world step, 1024 worlds": "naive numpy, 1024 worlds",
     "vector view, 1024 worlds": "Gymnasium CartPole, 1024 worlds",
+    "SB3 collection, 1024 worlds": "SB3's loop of CartPoles, 256 worlds",
 }
 
 
@@ -35,7 +36,7 @@ def ratio(value: float, other: float | None, unit: str) -> str:
 
 
 def line(*cells: str) -> None:
-    print("{:<34} {:>12} {:>12} {:>7} {:>9}".format(*cells).rstrip())
+    print("{:<36} {:>12} {:>12} {:>7} {:>9}".format(*cells).rstrip())
 
 
 def measured(workload: Workload) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from workloads import WORKLOADS, bytes_per_agent
 
-SLOW = ("200 runs", "import")  # measured once: a call takes seconds
+SLOW = ("200 runs", "import", "PPO")  # measured once: a call takes seconds
 
 
 @pytest.mark.parametrize("name", WORKLOADS)

@@ -79,6 +79,48 @@ def vector_view(n_envs: int) -> Workload:
     return Workload(prepare, "1/s", 3 * n_envs, 20e6 if n_envs == 1024 else None)
 
 
+def sb3_collection(n_worlds: int, target: float, *features: dict[str, Any]) -> Workload:
+    """Steps of `UavVecEnv` with random hops, declarations included, so that worlds end and begin all the time."""
+
+    def prepare() -> Call:
+        from baselines.features import make_spec
+        from training.sb3_vec_env import UavVecEnv
+
+        env = UavVecEnv(SCENARIO, n_worlds, make_spec([{"kind": "raw"}, *features]))
+        env.reset()
+        rng = np.random.default_rng(0)
+        return in_turn([rng.integers(0, env.action_space.n, env.num_envs) for _ in range(ACTIONS)], env.step)
+
+    return Workload(prepare, "1/s", 3 * n_worlds, target)
+
+
+def sb3_cart_poles(n_envs: int) -> Workload:
+    """SB3's own loop over environments, monitored as SB3 wants it."""
+
+    def prepare() -> Call:
+        from stable_baselines3.common.env_util import make_vec_env
+
+        env = make_vec_env("CartPole-v1", n_envs)
+        env.reset()
+        return in_turn(list(np.random.default_rng(0).integers(0, 2, (ACTIONS, n_envs))), env.step)
+
+    return Workload(prepare, "1/s", n_envs)
+
+
+def ppo_learning() -> Call:
+    """One rollout of 16 steps of 1024 worlds, and one epoch of learning on it, with two layers of 32."""
+    import torch
+    from stable_baselines3 import PPO
+
+    from training.sb3_vec_env import UavVecEnv
+
+    torch.set_num_threads(1)
+    env = UavVecEnv(SCENARIO, 1024)
+    network = {"net_arch": [32, 32]}
+    model = PPO("MlpPolicy", env, n_steps=16, batch_size=12288, n_epochs=1, policy_kwargs=network, device="cpu")
+    return lambda: model.learn(16 * env.num_envs, reset_num_timesteps=False)
+
+
 def parallel_step() -> Call:
     env = osl_env.parallel_env(endless())
     env.reset(seed=0)
@@ -191,6 +233,10 @@ WORKLOADS: dict[str, Workload] = {
     "world step, 1024 worlds": bare_world(1024),
     "world step, 8192 worlds": bare_world(8192),
     "vector view, 1024 worlds": vector_view(1024),
+    "SB3 collection, 1024 worlds": sb3_collection(1024, 1e6),
+    "SB3 collection with beliefs": sb3_collection(1024, 1e6 / 3.0, {"kind": "belief"}),
+    "SB3 collection with team and hits": sb3_collection(1024, 1e6, {"kind": "team"}, {"kind": "hits"}),
+    "PPO, collecting and learning": Workload(ppo_learning, "1/s", 16 * 3 * 1024, 100e3),
     "ParallelEnv.step": Workload(parallel_step, "s", 1, 10e-6),
     "Team-v0 step": Workload(team_step, "s"),
     "muc-osl decision, 160 particles": decisions_of("muc-osl", 3, 130e-6),
@@ -203,6 +249,7 @@ WORKLOADS: dict[str, Workload] = {
 RIVALS: dict[str, Workload] = {
     "naive numpy, 1024 worlds": naive_numpy(1024),
     "Gymnasium CartPole, 1024 worlds": cart_pole(1024),
+    "SB3's loop of CartPoles, 256 worlds": sb3_cart_poles(256),
 }
 
 
