@@ -1,4 +1,4 @@
-# make demo   a table and a figure of all policies, from a fresh clone, in a few minutes
+# make demo   scripted and learned policies in one table, a figure and report.html, from a fresh clone, in a few minutes
 # make test   lint, types and tests
 # make bench  speed and memory
 # make reproduce   the papers' experiments in full (EPISODES=24 for a look)

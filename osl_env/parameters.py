@@ -73,7 +73,7 @@ def _checked(value: Any, unit: str, infinite: bool) -> Any:
 class Parameters(BaseModel):
     """A model's parameters: frozen, no unknown keys, quantities with units (see `quantity`)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")  # by default inf would be null
 
     @model_validator(mode="before")
     @classmethod

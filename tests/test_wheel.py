@@ -50,11 +50,12 @@ def test_the_wheel_holds_packages_and_configurations_and_nothing_else(wheel: Pat
     assert tops == {"osl_env", "baselines", "training"}
     assert "osl_env/configs/scenarios/rate-100x60x30.yaml" in names
     assert "osl_env/configs/benchmarks/demo.yaml" in names
-    assert not [
-        name
-        for name in names
-        if not name.endswith((".py", ".yaml", ".safetensors", "py.typed")) and ".dist-info/" not in name
-    ]
+    assert {"training/report_page/table.js", "training/report_page/style.css"} <= set(names)
+    trainings = [path.name for path in (REPOSITORY / "configs" / "training").glob("*.yaml")]
+    assert trainings
+    assert {f"osl_env/configs/training/{name}" for name in trainings} <= set(names)
+    kinds = (".py", ".yaml", ".safetensors", "py.typed", ".js", ".css")
+    assert not [name for name in names if not name.endswith(kinds) and ".dist-info/" not in name]
     assert [name for name in names if name.endswith("licenses/LICENSE")]
 
 
@@ -78,3 +79,27 @@ def test_it_works_in_an_empty_folder(installed: Path, tmp_path: Path) -> None:
     assert [episode["seed"] for episode in json.loads(run.stdout)["episodes"]] == [0, 1]
     refused = osl(installed, tmp_path, "run", "random-walk", "rate-60x60x3")
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+
+
+@pytest.mark.slow
+def test_the_shipped_agents_fly_without_torch(installed: Path, tmp_path: Path) -> None:
+    blocked = tmp_path / "blocked"
+    blocked.mkdir()
+    for package in ("torch", "stable_baselines3", "sb3_contrib"):
+        (blocked / f"{package}.py").write_text("raise ImportError('not installed')")
+    code = (
+        "from baselines import make_policy\nfrom baselines.policy import SHIPPED_CHECKPOINTS\n"
+        "from training import evaluate\n"
+        "for name in SHIPPED_CHECKPOINTS:\n"
+        "    print(name, len(evaluate(make_policy(name), 'rate-60x60x30', seeds=[0], progress=False)))\n"
+    )
+    path = os.pathsep.join([str(blocked), str(installed)])
+    flown = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+    )
+    assert flown.returncode == 0, flown.stderr
+    assert flown.stdout.split()[::2] == ["rppo-raw", "ppo-belief"]

@@ -91,6 +91,7 @@ class Milestones(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         self.between_rollouts()
+        self._tell_progress()
 
     def between_rollouts(self) -> None:
         """Do what is due. Raises TrainingStopped if somebody asked for it, InputError if weights are not finite."""
@@ -106,6 +107,12 @@ class Milestones(BaseCallback):
         if save_now:
             diary.saved_at = steps
             self.save()
+
+    def _tell_progress(self) -> None:
+        """An environment with a method `redraw` may draw new scenarios that suit the progress."""
+        redraw = getattr(self.model.env, "redraw", None)
+        if redraw is not None:
+            redraw(min(1.0, self.model.num_timesteps / self.config.steps))
 
     def finish(self) -> None:
         """Score and save what the training ends with."""

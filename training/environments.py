@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from baselines.features import DEFAULT_FEATURES, FeatureSpec
 from baselines.learned.course import Course
 from baselines.learned.pilot import ActionDefinition, observation_of
 from osl_env.parameters import Parameters, quantity
 from osl_env.scenario import Scenario, load_scenario
+from training.randomisation import Randomisation
 from training.training_blocks import Environment, Task
 
 if TYPE_CHECKING:
@@ -49,23 +50,38 @@ class TeamEnvironment(Environment):
 
 
 class UavEnvironment(TeamEnvironment):
-    """The actions are those of the scenarios."""
+    """The actions are those of the scenarios, which are either named or drawn."""
 
     kind: Literal["uav"] = "uav"
+    scenarios: tuple[TrainingScenario, ...] = ()
+    randomisation: Randomisation | None = None
+
+    @model_validator(mode="after")
+    def _named_or_drawn(self) -> UavEnvironment:
+        if bool(self.scenarios) == (self.randomisation is not None):
+            raise ValueError("must have either scenarios (at least one) or randomisation")
+        return self
+
+    def drawn(self) -> Randomisation | None:
+        """What the scenarios are drawn from, if they are: `overrides` are of its base too, under its own."""
+        if self.randomisation is None:
+            return None
+        return self.randomisation.model_copy(update={"overrides": self.overrides | self.randomisation.overrides})
 
     def make(self, seed: int) -> UavVecEnv:
         """The environment. Raises InputError for scenarios that do not go together."""
         from training.sb3_vec_env import UavVecEnv
 
-        return UavVecEnv(self.made(), self.n_worlds, self.features, seed)
+        return UavVecEnv(self.drawn() or self.made(), self.n_worlds, self.features, seed)
 
     def task(self) -> Task:
-        """That of the first scenario, for as many UAVs as the largest team."""
-        scenarios = self.made()
+        """That of the first scenario, or of the base of those that are drawn; for the largest team."""
+        drawn = self.drawn()
+        scenarios = [drawn.base()] if drawn else self.made()
         return Task(
             agent=scenarios[0].action,
             scenario=scenarios[0],
-            max_uavs=max(scenario.team.n_uavs for scenario in scenarios),
+            max_uavs=drawn.max_uavs if drawn else max(scenario.team.n_uavs for scenario in scenarios),
             observation=observation_of(self.features),
             action=ActionDefinition.of(scenarios[0].action, scenarios[0].vehicle).as_mapping(),
             features=self.features,

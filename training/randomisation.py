@@ -11,12 +11,15 @@
       mismatch.source_strength: {low: 0.5, high: 2, log: true}
     curriculum:
       - {until: 0.2, vary: {team.n_uavs: {choices: [3]}, mismatch.source_strength: {choices: [1]}}}
+    redraw: 0.25
+    redraw_every: 64
 
 A key is a scenario's dotted key, or one of these: `wind.speed`, m/s, and `wind.direction`, rad (the base's other is
 kept); `starts` and `sources`: `scenario` (the base's), `anywhere`, or, for starts, `corner` (a third of each side);
 `mismatch.PARAMETER`: the factor by which the advertised plume's parameter is off. Places and regions of the base are
 stretched with the area. Values are drawn by Latin hypercube: over the groups, each key covers its range evenly.
 Episodes of a group differ by their seeds as always: source, wind and noise are drawn anew as the scenario says.
+After every `redraw_every` decisions, a share `redraw` of the groups, those drawn longest ago, is drawn anew.
 """
 
 from __future__ import annotations
@@ -113,6 +116,8 @@ class Randomisation(Parameters):
     groups: int = quantity(8, "", ge=1, le=4096)  # scenarios side by side
     vary: dict[str, Variation] = Field(default_factory=dict)
     curriculum: tuple[Stage, ...] = ()
+    redraw: float = quantity(0.25, "", gt=0, le=1)  # share of the groups that is drawn anew at a time
+    redraw_every: int = quantity(64, "", ge=1)  # decisions of each slot from one time to the next
 
     @field_validator("curriculum")
     @classmethod

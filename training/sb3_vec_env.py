@@ -65,6 +65,7 @@ class UavVecEnv(VecEnv):
         self._action_shape: tuple[int, ...] = space.shape
         self._began = time.perf_counter()
         self._redraw: tuple[float, int] | None = None  # progress, and how many groups
+        self._age = 0  # decisions since groups were exchanged
         self._oldest = 0  # the group that was drawn longest ago
         self._slots = [
             Slot(self.groups, number, index)
@@ -97,12 +98,16 @@ class UavVecEnv(VecEnv):
                 raise InputError(f"scenarios: {first.name!r} and {scenario.name!r} have different action spaces")
         return space
 
-    def redraw(self, progress: float, share: float = 1.0) -> None:
-        """Draw new scenarios for a `share` of the groups, those drawn longest ago, at the end of the next step.
+    def redraw(self, progress: float, share: float | None = None) -> None:
+        """Draw new scenarios for a `share` of the groups (by default the Randomisation's), those drawn longest ago.
 
-        `progress` is the share of the training that is done (for the curriculum). Episodes that go on in those groups
-        are cut as if time were up. Without a Randomisation nothing happens.
+        That happens at the end of the next step, or of that with which `redraw_every` decisions lie behind the last
+        time; until then, another call takes this one's place. `progress` is the share of the training that is done (for
+        the curriculum). Episodes that go on in those groups are cut as if time were up. Without a Randomisation nothing
+        happens.
         """
+        if share is None:
+            share = self.randomisation.redraw if self.randomisation else 1.0
         if not 0.0 <= progress <= 1.0 or not 0.0 < share <= 1.0:
             raise InputError(f"progress = {progress}, share = {share}: must be from 0 to 1, a share above 0")
         if self.randomisation is not None:
@@ -112,7 +117,7 @@ class UavVecEnv(VecEnv):
         """Put newly drawn groups in the place of the oldest, after a step."""
         assert self._redraw is not None
         progress, count = self._redraw
-        self._redraw = None
+        self._redraw, self._age = None, 0
         n_slots = self.groups[0].n_slots
         for scenario in self._drawn(progress, count):
             number = self._oldest
@@ -170,7 +175,8 @@ class UavVecEnv(VecEnv):
             own = slice(start, start + group.n_slots)
             infos += group.step(self._actions[own], observations[own], rewards[own], dones[own], self._began)
             start = own.stop
-        if self._redraw is not None:
+        self._age += 1
+        if self._redraw is not None and self.randomisation and self._age >= self.randomisation.redraw_every:
             self._exchange(observations, dones, infos)
         return observations, rewards, dones, infos
 
@@ -210,7 +216,7 @@ class UavVecEnv(VecEnv):
         state: dict[str, Any] = {"seeds": [group.seeds.tolist() for group in self.groups]}
         if self.randomisation is not None:
             drawn = [group.scenario.model_dump(mode="json") for group in self.groups]
-            state |= {"scenarios": drawn, "draws": self._draws, "oldest": self._oldest}
+            state |= {"scenarios": drawn, "draws": self._draws, "oldest": self._oldest, "age": self._age}
         return state
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -220,7 +226,7 @@ class UavVecEnv(VecEnv):
         """
         seeds = state.get("seeds")
         if self.randomisation is not None and len(state.get("scenarios", ())) == len(self.groups):
-            self._draws, self._oldest = int(state["draws"]), int(state["oldest"])
+            self._draws, self._oldest, self._age = (int(state[key]) for key in ("draws", "oldest", "age"))
             for number, content in enumerate(state["scenarios"]):
                 scenario, n_slots = Scenario.model_validate(content), self.groups[number].n_slots
                 self.groups[number] = Group(scenario, n_slots // scenario.team.n_uavs, n_slots, self.features)

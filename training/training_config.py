@@ -161,6 +161,14 @@ class TrainingConfig(Parameters):
         """From which the seeds of all training episodes are derived."""
         return FIRST_TRAINING_SEED + self.seed
 
+    @property
+    def summary(self) -> str:
+        """One line: who learns what, and how long."""
+        return (
+            f"{self.algorithm.kind} in the environment {self.environment.kind}, network {self.network.kind},"
+            f" {self.steps:,} steps"
+        )
+
     def dump(self) -> dict[str, Any]:
         """All values, in JSON's types, whatever the kinds of the blocks."""
         return self.model_dump(mode="json", serialize_as_any=True)

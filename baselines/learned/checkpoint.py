@@ -8,6 +8,7 @@ SHA-256 of the weights, so that neither file can be exchanged unnoticed.
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 from collections.abc import Mapping
@@ -100,6 +101,12 @@ class Checkpoint:
             )
         _check_arrays(arrays, path)
         return cls(header, arrays)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that decides how the checkpoint flies: weights, architecture, observation and action."""
+        flown = self.header.model_dump(mode="json", include={"agent", "architecture", "observation", "action", "sha256"})
+        return hashlib.sha256(json.dumps(flown, sort_keys=True).encode()).hexdigest()
 
     def write(self, folder: str | Path) -> Path:
         """Write the two files so that a kill at any moment leaves the old checkpoint or the new one; the folder.

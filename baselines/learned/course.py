@@ -2,8 +2,9 @@
 
 Actions are numbers 0 .. n-1: direction * (number of lengths) + length flies a leg of `lengths[length]` m in one of ten
 directions (eight horizontal ones, 45 degrees apart, from upwind over the left; up; down) and samples `samples` times
-at its end; the next number hovers and samples `hover_samples` times; the last one declares the UAV's own place. A leg
-that would leave the area ends at its boundary, on the nearest point to where it would have ended.
+at its end; the next number hovers and samples `hover_samples` times; the last one declares the UAV's own place if its
+last sample read at least `declare_reading` hits, and hovers otherwise. A leg that would leave the area ends at its
+boundary, on the nearest point to where it would have ended.
 
 Observations are those of the features, turned about the vertical so that x points upwind and y to the left of it; only
 the measured wind itself keeps the area's axes. `raw.position` becomes the offset from the area's centre and `raw.area`
@@ -40,6 +41,7 @@ class Course(Parameters):
     lengths: tuple[float, ...] = quantity((3.0, 9.0), "m", min_length=1, max_length=16)
     samples: int = quantity(2, "", ge=1)  # at the end of a leg
     hover_samples: int = quantity(4, "", ge=1)
+    declare_reading: int = quantity(0, "", ge=0)  # hits
 
     @property
     def n_actions(self) -> int:
@@ -47,11 +49,12 @@ class Course(Parameters):
         return len(_DIRECTIONS) * len(self.lengths) + 2
 
     def boxes(
-        self, actions: IntArray, positions: FloatArray, winds: FloatArray, area: FloatArray, max_samples: int
-    ) -> FloatArray:
+        self, actions: IntArray, positions: FloatArray, winds: FloatArray, readings: FloatArray, area: FloatArray,
+        max_samples: int,
+    ) -> FloatArray:  # fmt: skip
         """What `actions` (n,) mean as actions of `waypoint` (n, 5), of UAVs at `positions` (n, 3), m.
 
-        `winds` (n, 3), m/s, as measured; `area` (3,), m. See `osl_env.agent_actions`.
+        `winds` (n, 3), m/s, as measured; `readings` (n,), hits; `area` (3,), m. See `osl_env.agent_actions`.
         """
         hover = self.n_actions - 2
         legs = np.minimum(actions, hover - 1)
@@ -70,7 +73,7 @@ class Course(Parameters):
         boxes = np.empty((len(actions), 5))
         boxes[:, :3] = np.clip(2.0 * np.clip(positions + moves, 0.0, area) / area - 1.0, -1.0, 1.0)
         boxes[:, 3] = 2.0 * (samples - 1) / max(max_samples - 1, 1) - 1.0
-        boxes[:, 4] = np.where(actions > hover, 1.0, -1.0)
+        boxes[:, 4] = np.where((actions > hover) & (readings >= self.declare_reading), 1.0, -1.0)
         return boxes
 
 

@@ -280,8 +280,8 @@ def _command(brain: Brain, flight: _Flight, observation: Observation, action: An
         hop = hop_inside(position, flight.area, flight.offsets, int(action), lengths, hover)
         return Hover(1) if hop >= hover else Hop(hop // lengths, hop % lengths + 1)
     if brain.agent == "course":
-        numbers = np.array([action], dtype=np.int64), position[None], observation.wind[None]
-        values = brain.course.boxes(*numbers, flight.area, flight.max_samples)[0]
+        state = position[None], observation.wind[None], np.array([observation.reading])
+        values = brain.course.boxes(np.array([action]), *state, flight.area, flight.max_samples)[0]
     else:
         values = np.asarray(action, dtype=np.float64)
     flight.declared = position.copy() if box_declares(values) else None

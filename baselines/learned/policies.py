@@ -24,8 +24,8 @@ _SEARCH = "baselines.search_agent.policy"  # its `pilot(checkpoint, stochastic)`
 class PilotedPolicy(Policy):
     """A policy whose parameters choose the pilot that flies it; it hands everything on to that pilot.
 
-    `sha256` is filled in with the digest of the weights, so that records and stores say what was flown; given, it pins
-    them: other weights are refused.
+    `sha256` is filled in with a digest of weights and definitions, so that records and stores say what was flown; given,
+    it pins them: others are refused.
     """
 
     stochastic: bool = False  # draw actions from the network's distribution, instead of the most probable
@@ -34,14 +34,14 @@ class PilotedPolicy(Policy):
     _pilot: Policy = PrivateAttr()
 
     def _loaded(self) -> tuple[Policy, str]:
-        """The pilot and the SHA-256 of its weights. Raises InputError."""
+        """The pilot and a SHA-256 of what it is. Raises InputError."""
         raise NotImplementedError
 
     @model_validator(mode="after")
     def _load(self) -> PilotedPolicy:
         pilot, digest = self._loaded()
         if self.sha256 not in ("", digest):
-            raise InputError(f"sha256 = {self.sha256[:12]}..: the weights have {digest[:12]}..")
+            raise InputError(f"sha256 = {self.sha256[:12]}..: what is there has {digest[:12]}..")
         self._pilot = pilot
         object.__setattr__(self, "sha256", digest)
         return self
@@ -101,7 +101,7 @@ class LearnedPolicy(PilotedPolicy):
 
     def _loaded(self) -> tuple[Policy, str]:
         checkpoint = Checkpoint.load(self._folder())
-        return pilot_of(checkpoint, self.stochastic), checkpoint.header.sha256
+        return pilot_of(checkpoint, self.stochastic), checkpoint.digest
 
 
 @register_policy
@@ -122,6 +122,8 @@ class RppoRaw(LearnedPolicy):
 
     name: ClassVar[str] = "rppo-raw"
     summary: ClassVar[str] = "learned: recurrent PPO on raw observations, no model of the plume"
+
+    stochastic: bool = True  # its most probable actions go in circles where there is nothing to smell
 
     def _folder(self) -> Path:
         return shipped_folder(self.name)

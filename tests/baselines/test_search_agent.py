@@ -15,7 +15,7 @@ from baselines import make_policy
 from baselines.belief import grid_kernels
 from baselines.belief.grid import GridBelief
 from baselines.belief.likelihood import hit_model
-from baselines.learned.checkpoint import Checkpoint
+from baselines.learned.checkpoint import Checkpoint, shipped_folder
 from baselines.policy import Briefing
 from baselines.search_agent import expectations, sight
 from baselines.search_agent.candidates import N_CANDIDATES, OFFSETS, write_candidates
@@ -237,3 +237,17 @@ def test_a_checkpoint_that_does_not_fit_is_refused_in_one_line(
 
 def test_the_definition_changes_with_the_view() -> None:
     assert definition_hash(SearchView()) != definition_hash(SearchView(leg_time=5.0))
+
+
+def test_the_shipped_agent_without_its_network_is_the_rule(tmp_path: Path) -> None:
+    shipped = Checkpoint.load(shipped_folder("ppo-belief"))
+    zeros = {name: np.zeros_like(array) for name, array in shipped.arrays.items()}
+    Checkpoint(shipped.header, zeros).write(tmp_path / "rule")
+    policies = [
+        make_policy("checkpoint", path=tmp_path / "rule"),
+        make_policy("ppo-belief", learned=False),
+        make_policy("ppo-belief"),
+    ]
+    places = [fly(policy, SCENARIO, [3, 4], max_decisions=15).world.motion["position"] for policy in policies]
+    np.testing.assert_array_equal(places[0], places[1])
+    assert (places[0] != places[2]).any()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import guesser
@@ -11,6 +13,7 @@ import pytest
 from baselines import policy_names
 from osl_env.scenario import scenario_names
 from training.cli import main
+from training.training_config import training_names
 
 assert guesser
 
@@ -56,11 +59,18 @@ def test_out_files(empty_folder: Path, capsys: pytest.CaptureFixture[str]) -> No
 def test_list_names_everything(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["list"]) == 0
     out = capsys.readouterr().out
-    for name in [*policy_names(), *scenario_names(), "muc_osl_area"]:
+    for name in [*policy_names(), *scenario_names(), "muc_osl_area", *training_names()]:
         assert name in out
     assert max(map(len, out.splitlines())) <= 80
     assert main(["list", "policies", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["policies"]["guesser"] == "for tests"
+    assert main(["list", "trainings", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["trainings"]["ppo-raw"].startswith("ppo in the environment uav")
+
+
+def test_listing_trainings_does_without_torch() -> None:
+    code = "import sys; from training.cli import main; sys.exit(main(['list', 'trainings']) or 'torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0
 
 
 def test_bench_writes_table_and_figure(empty_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -72,6 +82,8 @@ def test_bench_writes_table_and_figure(empty_folder: Path, capsys: pytest.Captur
         "table.csv",
         "table.json",
         "episodes.csv",
+        "comparisons.csv",
+        "report.html",
         "figure.png",
     }
     assert main(["bench", "small.yaml", "--jobs", "1", "--episodes", "2", "--json"]) == 0

@@ -25,6 +25,8 @@ CONTENT: dict[str, Any] = {
     "scenario": "rate-100x60x30",
     "overrides": {"ending.time_limit": 20.0},
     "groups": 4,
+    "redraw": 1.0,
+    "redraw_every": 1,
     "vary": {
         "team.n_uavs": {"choices": [1, 2, 5, 8]},
         "arena.size": {"low": [30, 30, 20], "high": [90, 60, 30]},
@@ -194,6 +196,18 @@ def test_a_share_of_the_groups_is_exchanged_the_oldest_first() -> None:
         assert dones.reshape(4, -1).all(axis=1).tolist()[expected[-1]]
     with pytest.raises(InputError, match="share"):
         env.redraw(0.5, share=0.0)
+
+
+def test_groups_are_flown_before_they_are_exchanged() -> None:
+    env = UavVecEnv(made(redraw=0.5, redraw_every=5), 12, make_spec([{"kind": "raw"}]))
+    env.reset()
+    changed = []
+    for _ in range(12):
+        before = list(env.groups)
+        env.redraw(0.5)
+        env.step(np.full(env.num_envs, 26))
+        changed.append(sum(group is not old for group, old in zip(env.groups, before, strict=True)))
+    assert changed == [0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 0]
 
 
 def test_a_resumed_environment_goes_on_alike() -> None:

@@ -28,6 +28,7 @@ from training.callbacks import Milestones, TrainingStopped
 from training.cli import main
 from training.held_out import Score
 from training.resume_state import SavedState
+from training.snapshot import decode
 from training.train import Result, train
 from training.training_config import make_config
 
@@ -252,3 +253,24 @@ def test_seeds_give_other_weights(finished: Callable[[str], Result], tmp_path: P
     train(config(seed=1), tmp_path)
     ours, theirs = (Checkpoint.load(folder / "best").arrays for folder in (tmp_path, finished("ppo").folder))
     assert any(not np.array_equal(ours[name], theirs[name]) for name in theirs)
+
+
+def test_the_curriculum_goes_with_the_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told, teams, begin = [], [], Milestones._on_rollout_start
+
+    def note(self: Milestones) -> None:
+        begin(self)
+        env: Any = self.model.env
+        told.append((self.num_timesteps, env._redraw[0]))
+        teams.append(tuple(slot.team.n_uavs for slot in env.get_attr("scenario", [0, 2, 4])))
+
+    monkeypatch.setattr(Milestones, "_on_rollout_start", note)
+    result = train(config("ppo-randomised", steps=192), tmp_path)
+    assert told == [(24 * k, k / 8) for k in range(8)]
+    assert set(teams[:4]) == {(1, 1, 1)}
+    assert 2 in teams[-1]
+    last = state(result.folder)
+    drawn = decode(last._content["scenarios"], last._arrays)["scenarios"]
+    places = [scenario["team"]["region"][1] for scenario in drawn]
+    assert [60.0, 60.0, 30.0] not in places  # those that were drawn early have all been replaced
+    assert Checkpoint.load(result.checkpoint).header.max_uavs == 2

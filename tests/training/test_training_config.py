@@ -24,10 +24,20 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"algorithm": {"kind": "ppo", "learning_rate": -1}}, "algorithm.learning_rate = -1"),
     ({"algorithm": {"kind": "pppo"}}, "algorithm.kind = 'pppo': did you mean 'ppo'"),
     ({"algorithm": 3}, "algorithm = 3: must be a mapping"),
-    ({"environment": {"kind": "uav", "n_worlds": 3}}, "key 'environment.scenarios' is missing"),
+    ({"environment": {"kind": "uav", "n_worlds": 3}}, "environment: must have either scenarios (at least one) or rand"),
     ({"environment": {"kind": "uav", "scenarios": ["rate-60x60x30"], "worlds": 3}}, "unknown key 'environment.worlds'"),
     ({"environment": {"kind": "uav", "scenarios": ["nowhere"]}}, "unknown scenario 'nowhere'"),
     ({"environment": {"kind": "uav", "scenarios": ["rate-60x60x30"], "features": [{"kind": "ra"}]}}, "ra"),
+    (
+        {"environment": {"kind": "uav", "scenarios": ["x"], "randomisation": {"scenario": "rate-60x60x30"}}},
+        "environment: must have either scenarios",
+    ),
+    ({"environment": {"kind": "uav", "randomisation": {"scenario": "nowhere"}}}, "unknown scenario 'nowhere'"),
+    ({"environment": {"kind": "uav", "randomisation": {"redraw": 2}}}, "environment.randomisation.scenario"),
+    (
+        {"environment": {"kind": "uav", "randomisation": {"scenario": "rate-60x60x30", "redraw": 2}}},
+        "environment.randomisation.redraw = 2",
+    ),
     ({"network": {"kind": "mlp", "layers": [8], "depth": 2}}, "unknown key 'network.depth'"),
     ({"network": {"kind": "lstm"}}, "network.kind = 'lstm': is trained by recurrent-ppo"),
     ({"network": {"kind": "team"}}, "environment.features must hold {kind: team} once"),
@@ -79,8 +89,8 @@ def test_without_torch_there_is_one_clear_line(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_shipped_configurations_can_be_trained() -> None:
-    assert {"ppo-raw", "rppo-raw", "dqn-hops", "sac-velocity"} <= set(training_names())
-    for name in ("ppo-raw", "rppo-raw", "dqn-hops", "sac-velocity"):
+    assert {"ppo-raw", "rppo-raw", "ppo-belief", "ppo-generalist", "dqn-hops", "sac-velocity"} <= set(training_names())
+    for name in training_names():
         shipped = load_training(name)
         assert shipped.name == name
         env = shipped.environment.make(shipped.first_episode_seed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,19 @@ FLYING = EASY | {"vehicle": {"kind": "point_mass"}, "action": "velocity"}
 ON_POLICY = {"n_steps": 4, "batch_size": 24, "n_epochs": 2, "learning_rate": 1e-2, "final_learning_rate": 0.0}
 OFF_POLICY = {"buffer_size": 240, "learning_starts": 24, "batch_size": 8}
 TEAM = [{"kind": "belief", "particles": 16}, {"kind": "team", "slots": 3}, {"kind": "hits", "length": 2}]
+RANDOMISED: dict[str, Any] = {
+    "scenario": "rate-60x60x30-random",
+    "groups": 3,
+    "vary": {
+        "team.n_uavs": {"choices": [1, 2]},
+        "wind.speed": [0.5, 2.0],
+        "radio.radius": {"choices": [20.0, math.inf]},
+        "starts": {"choices": ["corner"]},
+    },
+    "curriculum": [{"until": 0.5, "vary": {"team.n_uavs": {"choices": [1]}, "starts": {"choices": ["anywhere"]}}}],
+    "redraw": 0.5,
+    "redraw_every": 5,
+}
 
 KINDS: dict[str, dict[str, Any]] = {
     "ppo": {"algorithm": {"kind": "ppo", **ON_POLICY}},
@@ -21,6 +35,16 @@ KINDS: dict[str, dict[str, Any]] = {
         "algorithm": {"kind": "ppo", **ON_POLICY},
         "network": {"kind": "team", "embedding": 4, "layers": [8]},
         "environment": {"features": TEAM},
+    },
+    "ppo-randomised": {
+        "algorithm": {"kind": "ppo", **ON_POLICY},
+        "environment": {
+            "kind": "uav",
+            "overrides": EASY,
+            "n_worlds": 3,
+            "features": TEAM,
+            "randomisation": RANDOMISED,
+        },
     },
     "recurrent-ppo": {
         "algorithm": {"kind": "recurrent-ppo", **ON_POLICY},

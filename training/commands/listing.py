@@ -10,15 +10,15 @@ import tyro
 from osl_env.errors import InputError
 from training.commands.options import print_json
 
-KINDS = ("policies", "scenarios", "benchmarks")
+KINDS = ("policies", "scenarios", "benchmarks", "trainings")
 
 
 @dataclass(frozen=True)
 class Listing:
-    """List policies, scenarios and benchmarks, one line each."""
+    """List policies, scenarios, benchmarks and trainings, one line each."""
 
     what: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="KIND")] = "all"
-    """policies, scenarios, benchmarks or all"""
+    """policies, scenarios, benchmarks, trainings or all"""
     json: bool = False
     """print JSON only"""
 
@@ -55,6 +55,10 @@ def _cards(kind: str) -> dict[str, str]:
         from osl_env.scenario import load_scenario, scenario_names
 
         return {name: load_scenario(name).description for name in scenario_names()}
-    from training.benchmark import benchmark_names, load_benchmark
+    if kind == "benchmarks":
+        from training.benchmark import benchmark_names, load_benchmark
 
-    return {name: load_benchmark(name).title for name in benchmark_names()}
+        return {name: load_benchmark(name).title for name in benchmark_names()}
+    from training.training_config import load_training, training_names
+
+    return {name: load_training(name).summary for name in training_names()}
