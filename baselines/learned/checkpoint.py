@@ -105,7 +105,9 @@ class Checkpoint:
     @property
     def digest(self) -> str:
         """SHA-256 of all that decides how the checkpoint flies: weights, architecture, observation and action."""
-        flown = self.header.model_dump(mode="json", include={"agent", "architecture", "observation", "action", "sha256"})
+        flown = self.header.model_dump(
+            mode="json", include={"agent", "architecture", "observation", "action", "sha256"}
+        )
         return hashlib.sha256(json.dumps(flown, sort_keys=True).encode()).hexdigest()
 
     def write(self, folder: str | Path) -> Path:

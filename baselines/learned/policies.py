@@ -24,8 +24,8 @@ _SEARCH = "baselines.search_agent.policy"  # its `pilot(checkpoint, stochastic)`
 class PilotedPolicy(Policy):
     """A policy whose parameters choose the pilot that flies it; it hands everything on to that pilot.
 
-    `sha256` is filled in with a digest of weights and definitions, so that records and stores say what was flown; given,
-    it pins them: others are refused.
+    `sha256` is filled in with a digest of weights and definitions, so that records and stores say what was flown;
+    given, others are refused.
     """
 
     stochastic: bool = False  # draw actions from the network's distribution, instead of the most probable
