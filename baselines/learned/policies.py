@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar, Literal
@@ -33,9 +34,9 @@ class PilotedPolicy(Policy):
 
     _pilot: Policy = PrivateAttr()
 
+    @abstractmethod
     def _loaded(self) -> tuple[Policy, str]:
         """The pilot and a SHA-256 of what it is. Raises InputError."""
-        raise NotImplementedError
 
     @model_validator(mode="after")
     def _load(self) -> PilotedPolicy:
@@ -96,8 +97,9 @@ def pilot_of(checkpoint: Checkpoint, stochastic: bool) -> Policy:
 class LearnedPolicy(PilotedPolicy):
     """Base of the policies that fly a checkpoint's folder."""
 
+    @abstractmethod
     def _folder(self) -> Path:
-        raise NotImplementedError
+        """Where the checkpoint lies."""
 
     def _loaded(self) -> tuple[Policy, str]:
         checkpoint = Checkpoint.load(self._folder())

@@ -99,8 +99,8 @@ def in_wind(a: Any, b: Any, along: Any) -> tuple[float, float, float]:
 
 @njit(error_model="numpy")
 def _leave_to_others(mates: Any, b: int, i: int, x: Any, y: Any, z: Any, model: Any, weight: Any, room: Any,
-                     dwell: float) -> float:  # fmt: skip
-    """Make `weight` (P,) the belief if the others in contact find nothing where they mean to sample; what is left."""
+                     dwell: float) -> None:  # fmt: skip
+    """Make `weight` (P,), sum 1, the belief if the others in contact find nothing where they mean to sample."""
     weight[:] = np.float32(1.0 / weight.size)
     for j in range(mates.shape[1]):
         mate = mates[b, j]
@@ -112,11 +112,9 @@ def _leave_to_others(mates: Any, b: int, i: int, x: Any, y: Any, z: Any, model: 
         if not mate.planned or _distance(mate.place, mate.goal) > _SAME:
             mean_counts(x, y, z, mate.goal, dwell, model, room)
             discount(weight, room)
-    left = sum32(weight)
-    scale = np.float32(1.0 / max(left, 1e-20))
+    scale = np.float32(1.0 / max(sum32(weight), 1e-20))
     for p in range(weight.size):
         weight[p] *= scale
-    return left
 
 
 @njit(error_model="numpy")
@@ -214,8 +212,8 @@ def decide(situations: Any, mates: Any, settings: Any, models: FloatArray, suppo
             for axis in range(3):
                 mate.goal[axis] = candidates[best, axis]
             mate.hold = situation.clock + _distance(mate.position, mate.goal) / s.speed + s.stand
-        samples, turns = plan_leg(mate.position, mate.heading, mate.goal, s, mate.place)
-        mate.seconds, mate.turns, mate.planned = samples * s.sample, turns, True
+        samples, _ = plan_leg(mate.position, mate.heading, mate.goal, s, mate.place)
+        mate.seconds, mate.planned = samples * s.sample, True
 
 
 @njit(error_model="numpy")

@@ -13,7 +13,6 @@ MATE = np.dtype(  # (n_crews, n_uavs)
         ("goal", *_VECTOR),  # m: where it means to sample
         ("place", *_VECTOR),  # m: where the leg that it has chosen in this beat ends
         ("seconds", np.float64),  # of sampling there
-        ("turns", np.bool_),  # before that leg
         ("planned", np.bool_),  # whether it has chosen in this beat
         (
             "hold",
