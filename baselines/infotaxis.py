@@ -30,6 +30,7 @@ from baselines.belief.likelihood import AdvertisedPlume, ReadingTable
 from baselines.belief.particle_filter import ParticleBelief
 from baselines.declaration import DeclarationRule
 from baselines.muc_osl.planners import InformationPlanner, InformationPlannerParameters
+from baselines.passage import Passage
 from baselines.policy import Belief, Briefing, Policy, register_policy
 from osl_env.actions import HOP_DIRECTIONS, Action, Hop, Hover
 from osl_env.observation import Observation
@@ -52,14 +53,14 @@ class InfotaxisParameters(GridParameters):
 class NeighbourSearch:
     """Infotaxis on the grid belief: one UAV's state of an episode."""
 
-    __slots__ = ("_area", "_hop", "_hovering", "_length", "_sampling", "bits", "searcher")
+    __slots__ = ("_area", "_hop", "_hovering", "_length", "_passage", "_sampling", "bits", "searcher")
 
     def __init__(self, parameters: InfotaxisParameters, briefing: Briefing) -> None:
         self.searcher = GridSearcher(parameters, briefing)
         self._length = min(parameters.hop_length, briefing.hop_lengths)
         self._hop = self._length * briefing.step_length
         self._hovering, self._area = parameters.hovering, np.asarray(briefing.area, dtype=np.float64)
-        self._sampling = (briefing.hover_time,)
+        self._sampling, self._passage = (briefing.hover_time,), Passage(briefing)
         self.bits = 0.0
 
     def act(self, observation: Observation, inbox: Sequence[Message]) -> Action:
@@ -69,6 +70,7 @@ class NeighbourSearch:
         u = observation.position
         candidates = np.concatenate([u + self._hop * HOP_DIRECTIONS, u[None]])
         inside = np.all((candidates >= 0.0) & (candidates <= self._area), axis=1)
+        inside &= self._passage.reach(u, self._hop) > 0
         inside[-1] = self._hovering or not inside[:-1].any()
         allowed = np.flatnonzero(inside)
         candidates = candidates[allowed]

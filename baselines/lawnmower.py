@@ -5,7 +5,7 @@ levels of `lane_spacing` height, with a stop at every `stop_spacing`. A survey n
 by radio) go into an exact grid posterior. When its spread is below the declaration's, the UAV flies to the estimate and
 declares by the common rule; until then the path does not depend on the readings. A survey that ends without an estimate
 is followed by one with half the spacing, through the box of two standard deviations about the posterior mean if
-anything was detected, through the whole volume otherwise.
+anything was detected, through the whole volume otherwise. Stops inside obstacles are left out; ways go around them.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from pydantic import PrivateAttr
 
 from baselines.belief.grid_searcher import GridParameters, GridSearcher
+from baselines.passage import Passage
 from baselines.policy import Belief, Briefing, Policy, register_policy
 from osl_env.actions import Action, Hover, Waypoint
 from osl_env.observation import Observation
@@ -26,6 +27,7 @@ from osl_env.radio import Message
 
 _FINEST = 1.0 / 8.0  # of the spacings: later surveys are no finer
 _THERE = 0.5  # m: near enough to the estimate to hover
+_SAME = 1e-6  # m: no flight
 
 
 def centres(low: float, high: float, spacing: float) -> FloatArray:
@@ -57,12 +59,13 @@ def survey(low: FloatArray, high: FloatArray, strip: int, n_strips: int, lane: f
 class Survey:
     """One UAV's state of an episode."""
 
-    __slots__ = ("_briefing", "_next", "_parameters", "_round", "bits", "searcher", "stops")
+    __slots__ = ("_briefing", "_next", "_parameters", "_passage", "_round", "bits", "searcher", "stops")
 
     def __init__(self, parameters: Lawnmower, briefing: Briefing) -> None:
         self._parameters, self._briefing = parameters, briefing
         self.searcher = GridSearcher(parameters, briefing)
         self._round, self.bits = -1, 0.0
+        self._passage = Passage(briefing)
         self._begin_round()
 
     def _begin_round(self) -> None:
@@ -73,7 +76,9 @@ class Survey:
         if self.searcher.heard:
             reach = 2.0 * np.sqrt(np.diag(self.searcher.covariance))
             low, high = np.maximum(self.searcher.mean - reach, low), np.minimum(self.searcher.mean + reach, high)
-        self.stops = survey(low, high, b.uav, b.n_uavs, finer * p.lane_spacing, finer * p.stop_spacing)
+        stops = survey(low, high, b.uav, b.n_uavs, finer * p.lane_spacing, finer * p.stop_spacing)
+        free = self._passage.free(stops)
+        self.stops = stops[free] if free.any() else stops
         self._next = 0
 
     def act(self, observation: Observation, inbox: Sequence[Message]) -> Action:
@@ -84,11 +89,14 @@ class Survey:
         if searcher.heard and searcher.spread < self._parameters.declare_spread:
             if math.dist(searcher.mean, observation.position) < _THERE:
                 return Hover(samples)
-            return Waypoint(searcher.mean.copy(), samples)
+            return Waypoint(self._passage.towards(observation.position, searcher.mean).copy(), samples)
         if self._next == len(self.stops):
             self._begin_round()
-        self._next += 1
-        return Waypoint(self.stops[self._next - 1], samples)
+        stop = self.stops[self._next]
+        place = self._passage.towards(observation.position, stop)
+        if place is stop or math.dist(place, observation.position) < _SAME:  # else it is on the way there
+            self._next += 1
+        return Waypoint(place, samples)
 
 
 @register_policy

@@ -3,7 +3,8 @@
 For searchers that keep no map. The hits of all samples taken within `declare_radius` of the UAV's place are
 averaged over their sampling time. If that rate is at least what the advertised plume gives `declare_radius`
 straight downwind of a source, the place is suspect: the searcher stays and samples on. Once `declare_time` of
-samples agree, it declares its own place.
+samples agree, it declares its own place. From a sensor that reports concentrations nothing is declared: what is much of
+it hangs on the plume's kind.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class NearbyRule:
     __slots__ = ("_next", "_plume", "_radius", "_samples", "_time", "declared", "suspects")
 
     def __init__(self, parameters: NearbyParameters, briefing: Briefing) -> None:
-        self._plume = AdvertisedPlume(briefing)
+        self._plume = AdvertisedPlume(briefing) if briefing.gas_sensor.reports == "hits" else None
         self._radius, self._time = parameters.declare_radius, parameters.declare_time
         self._samples = np.zeros((_MEMORY, 5))  # x, y, z (m), hits, sampling time (s)
         self._next = 0
@@ -42,6 +43,7 @@ class NearbyRule:
 
     def threshold(self) -> float:
         """The rate, 1/s, of the advertised plume `declare_radius` downwind of a source."""
+        assert self._plume is not None
         model = self._plume.model
         distance = max(self._radius, model.clamp_distance)
         exponent = distance * (math.hypot(model.drift_x, model.drift_y) - model.inverse_lambda)
@@ -49,9 +51,9 @@ class NearbyRule:
 
     def take(self, observation: Observation) -> None:
         """Take note of the last reading, and judge the place."""
-        self._plume.measure(observation.wind)
-        if observation.sampling_time <= 0.0:
+        if self._plume is None or observation.sampling_time <= 0.0:
             return
+        self._plume.measure(observation.wind)
         row = self._samples[self._next % _MEMORY]
         row[:3], row[3], row[4] = observation.position, observation.reading, observation.sampling_time
         self._next += 1

@@ -22,6 +22,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from osl_env.actions import Action
+from osl_env.arena import Arena
 from osl_env.configuration import config_folder
 from osl_env.errors import InputError
 from osl_env.observation import Observation
@@ -40,6 +41,7 @@ class Briefing:
     seed: int  # for the policy's own draws
     start: FloatArray  # (3,) m
     area: FloatArray  # (3,) m: the search volume is [0, Lx] x [0, Ly] x [0, Lz]
+    arena: Arena  # the map, obstacles included: the team has it
     step_length: float  # m, grid step of a hop
     hop_lengths: int  # the longest hop, in grid steps (the area's l_max)
     speed: float  # m/s, cruise
@@ -55,6 +57,11 @@ class Briefing:
     success_radius: float  # m: a declared position this near to a source is right
     n_sources: int
 
+    @property
+    def threshold(self) -> float:
+        """A reading above it is a detection: 0 hits, or the sensor's threshold in the plume's unit."""
+        return 0.0 if self.gas_sensor.reports == "hits" else float(self.gas_sensor.threshold)
+
     @classmethod
     def of(cls, scenario: Scenario, uav: int, seed: int, start: FloatArray) -> Briefing:
         """The briefing of UAV `uav` that starts at `start` in the episode with `seed` of `scenario`."""
@@ -65,6 +72,7 @@ class Briefing:
             seed=policy_seed(seed, uav),
             start=np.array(start, dtype=np.float64),
             area=np.array(scenario.arena.size, dtype=np.float64),
+            arena=scenario.arena,
             step_length=vehicle.step_length,
             hop_lengths=vehicle.hop_lengths,
             speed=vehicle.speed,
@@ -103,6 +111,7 @@ class Policy(Parameters):
     summary: ClassVar[str] = ""  # one line for `osl list`
     vehicle_commands: ClassVar[Literal["leg", "velocity"]] = "leg"
     plume_quantities: ClassVar[tuple[str, ...]] = ("hit_rate",)  # the kinds of reading that it understands
+    declares_from: ClassVar[tuple[str, ...]] = ("hits", "concentration")  # readings from which it can declare a source
 
     @abstractmethod
     def reset(self, briefing: Briefing) -> None:

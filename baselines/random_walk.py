@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import PrivateAttr
 
 from baselines.nearby_declaration import NearbyParameters, NearbyRule
+from baselines.passage import Passage
 from baselines.policy import Briefing, Policy, register_policy
 from osl_env.actions import HOP_DIRECTIONS, Action, Hop, Hover
 from osl_env.observation import Observation
@@ -22,7 +23,7 @@ from osl_env.radio import Message
 class Walk:
     """One UAV's state of an episode."""
 
-    __slots__ = ("_area", "_direction", "_generator", "_hop", "_length", "_persistence", "rule")
+    __slots__ = ("_area", "_direction", "_generator", "_hop", "_length", "_passage", "_persistence", "rule")
 
     def __init__(self, parameters: RandomWalk, briefing: Briefing) -> None:
         self.rule = NearbyRule(parameters, briefing)
@@ -31,12 +32,14 @@ class Walk:
         self._length = min(parameters.hop_length, briefing.hop_lengths)
         self._hop = self._length * briefing.step_length
         self._direction = -1
+        self._passage = Passage(briefing)
 
     def act(self, observation: Observation) -> Action:
         """Hover in a suspect place; else go on, or turn."""
         self.rule.take(observation)
         ends = observation.position + self._hop * HOP_DIRECTIONS
-        inside = np.flatnonzero(np.all((ends >= 0.0) & (ends <= self._area), axis=1))
+        clear = self._passage.reach(observation.position, self._hop)[:-1] > 0
+        inside = np.flatnonzero(np.all((ends >= 0.0) & (ends <= self._area), axis=1) & clear)
         turns = self._generator.random() >= self._persistence
         choice = int(self._generator.integers(max(len(inside), 1)))
         if self.rule.suspects or len(inside) == 0:
@@ -52,6 +55,8 @@ class RandomWalk(NearbyParameters, Policy):
 
     name: ClassVar[str] = "random-walk"
     summary: ClassVar[str] = "seeded random hops; declares where it smells as much as beside a source"
+    plume_quantities: ClassVar[tuple[str, ...]] = ("hit_rate", "concentration")
+    declares_from: ClassVar[tuple[str, ...]] = ("hits",)
 
     hop_length: int = quantity(3, "", ge=1)  # grid steps; not more than the scenario's longest
     persistence: float = quantity(0.8, "", ge=0, lt=1)  # probability of keeping the direction at a hop
@@ -59,7 +64,7 @@ class RandomWalk(NearbyParameters, Policy):
     _walk: Walk | None = PrivateAttr(default=None)
 
     def reset(self, briefing: Briefing) -> None:
-        """Start an episode with `briefing`. Raises InputError for a plume that gives no hits."""
+        """Start an episode with `briefing`."""
         self._walk = Walk(self, briefing)
 
     def act(self, observation: Observation, inbox: Sequence[Message]) -> Action:

@@ -8,7 +8,7 @@ cast:   around the place of the last hit, crosswind legs to both sides and up an
 
 Hits are rare and come singly far from a source, so a leg ends with `samples` samples. Without wind there is no upwind:
 the surge goes on in the direction of the flight that brought the hit. It keeps no map, hears nobody, and declares by
-`baselines.nearby_declaration`.
+`baselines.nearby_declaration`. An obstacle ends a surge as the bounds do; other legs go around it.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import numpy as np
 from pydantic import PrivateAttr
 
 from baselines.nearby_declaration import NearbyParameters, NearbyRule
+from baselines.passage import Passage
 from baselines.policy import Briefing, Policy, register_policy
 from osl_env.actions import Action, Hover, Waypoint
 from osl_env.observation import Observation
@@ -29,6 +30,7 @@ from osl_env.radio import Message
 
 _CALM = 1e-3  # m/s: no wind
 _SAME = 0.1  # m
+_MOST_SKIPPED = 100  # stops
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -38,15 +40,18 @@ class Tracker:
     __slots__ = (
         "_along",
         "_area",
+        "_bound_for",
         "_cast",
         "_centre",
         "_course",
         "_height",
         "_parameters",
+        "_passage",
         "_previous",
         "_samples",
         "_side",
         "_since_hit",
+        "_threshold",
         "rule",
     )
 
@@ -61,8 +66,11 @@ class Tracker:
         self._since_hit = math.inf  # m flown since the last hit; infinite while searching
         self._cast = 0  # legs of the present cast
         self._centre = np.array(briefing.start, dtype=np.float64)  # where it was last smelt
+        self._threshold = briefing.threshold
         self._side = 1.0 if briefing.uav % 2 == 0 else -1.0  # of the sweep
         self._along = math.nan  # m upwind along the sweep; not begun
+        self._passage = Passage(briefing)
+        self._bound_for: FloatArray | None = None  # (3,) m: a goal that it is going around an obstacle to
 
     def act(self, observation: Observation) -> Action:
         """The next leg."""
@@ -71,21 +79,25 @@ class Tracker:
         speed = math.hypot(wind[0], wind[1])
         if speed > _CALM:
             self._course = np.array([-wind[0] / speed, -wind[1] / speed, 0.0])
-        elif observation.reading > 0.0 and (flown := math.dist(u[:2], self._previous[:2])) > _SAME:
+        elif observation.reading > self._threshold and (flown := math.dist(u[:2], self._previous[:2])) > _SAME:
             self._course = np.array([*(u[:2] - self._previous[:2]) / flown, 0.0])
         self._previous = u.copy()
-        if observation.reading > 0.0:
+        if observation.reading > self._threshold:
             self._since_hit, self._cast, self._along = 0.0, 0, math.nan
-            self._centre = u.copy()
+            self._centre, self._bound_for = u.copy(), None
         if self.rule.suspects:
             return Hover(1)
         if self._since_hit < self._parameters.lost_distance:
             target = self._inside(u + self._parameters.surge_step * self._course)
-            if np.linalg.norm(target - u) > _SAME:
+            if np.linalg.norm(target - u) > _SAME and self._passage.clear(u, target):
                 self._since_hit += self._parameters.surge_step
                 return Waypoint(target, self._samples)
-            self._since_hit = self._parameters.lost_distance  # against the boundary
-        return Waypoint(self._lost(u), self._samples)
+            self._since_hit = self._parameters.lost_distance  # against the boundary or an obstacle
+        goal = self._bound_for if self._bound_for is not None else self._lost(u)
+        place = self._passage.towards(u, goal)
+        there = place is goal or bool(np.linalg.norm(place - u) < _SAME)
+        self._bound_for = None if there else goal
+        return Waypoint(place, self._samples)
 
     def _inside(self, point: FloatArray) -> FloatArray:
         return np.clip(point, 0.0, self._area)
@@ -96,10 +108,14 @@ class Tracker:
             while self._cast // 4 * self._parameters.surge_step < self._parameters.cast_limit:
                 target = self._inside(self._centre + self._cast_offset())
                 self._cast += 1
-                if np.linalg.norm(target - u) > _SAME:
+                if np.linalg.norm(target - u) > _SAME and self._passage.free(target[None])[0]:
                     return target
             self._since_hit, self._along = math.inf, math.nan
-        return self._sweep(u)
+        for _ in range(_MOST_SKIPPED):  # stops inside an obstacle are passed over
+            u = self._sweep(u)
+            if self._passage.free(u[None])[0]:
+                break
+        return u
 
     def _cast_offset(self) -> FloatArray:
         """Leg number `_cast` of the cast: left, right, up, down, each round a step wider."""
@@ -139,6 +155,8 @@ class SurgeCast(NearbyParameters, Policy):
 
     name: ClassVar[str] = "surge-cast"
     summary: ClassVar[str] = "surge upwind on a hit, cast crosswind and vertically when lost"
+    plume_quantities: ClassVar[tuple[str, ...]] = ("hit_rate", "concentration")
+    declares_from: ClassVar[tuple[str, ...]] = ("hits",)
 
     surge_step: float = quantity(3.0, "m", gt=0)
     lost_distance: float = quantity(6.0, "m", gt=0)
@@ -149,7 +167,7 @@ class SurgeCast(NearbyParameters, Policy):
     _tracker: Tracker | None = PrivateAttr(default=None)
 
     def reset(self, briefing: Briefing) -> None:
-        """Start an episode with `briefing`. Raises InputError for a plume that gives no hits."""
+        """Start an episode with `briefing`."""
         self._tracker = Tracker(self, briefing)
 
     def act(self, observation: Observation, inbox: Sequence[Message]) -> Action:

@@ -31,6 +31,7 @@ from pydantic import PrivateAttr
 
 from baselines.belief.grid_information import discount, expected_distance
 from baselines.belief.grid_searcher import GridParameters, GridSearcher
+from baselines.passage import Passage
 from baselines.policy import Belief, Briefing, Policy, register_policy
 from osl_env.actions import HOP_DIRECTIONS, Action, Waypoint
 from osl_env.observation import Observation
@@ -60,6 +61,7 @@ class TeamSearch:
         "_lattice",
         "_own",
         "_parameters",
+        "_passage",
         "_places",
         "_rethink",
         "_turn",
@@ -81,6 +83,7 @@ class TeamSearch:
         self._places: dict[int, FloatArray] = {}  # and where they were
         self._heard_at: dict[int, float] = {}  # s, mission clock
         self._rethink = -math.inf  # s: when the place to stand is chosen again
+        self._passage = Passage(briefing)
         self._lattice = _lattice(self._area, parameters.lattice_spacing)
         self.last_detection = 0.0  # s; the beginning counts as one
         self.goal: FloatArray | None = None  # (3,) m
@@ -169,6 +172,7 @@ class TeamSearch:
         horizon, sample = self._parameters.horizon, self._briefing.hover_time
         neighbours = self._own + (self._parameters.leg_time - self._turn) * self._briefing.speed * _UNIT
         candidates = np.clip(np.concatenate([self._own[None], neighbours, self._lattice]), 0.0, self._area)
+        candidates = candidates[self._passage.free(candidates)]
         travel = self._travel(candidates)
         information = self._information(candidates, _DWELLS, self._points(horizon))
         left = np.maximum(horizon - travel, sample) / sample
@@ -209,11 +213,13 @@ class TeamSearch:
         parts += [searcher.mean + multiple * spreads for multiple in (-2.0, -1.0, 1.0, 2.0)]
         for back in self._parameters.downwind_distances:
             parts += [searcher.mean + back * along + multiple * spreads for multiple in (-1.0, 0.0, 1.0)]
-        return np.asarray(np.clip(np.concatenate(parts), 0.0, self._area))
+        places = np.asarray(np.clip(np.concatenate(parts), 0.0, self._area))
+        return places[self._passage.free(places)]
 
     def _leg(self) -> Action:
         """One leg of `leg_time` towards the goal: turn, fly, and sample in what is left of it."""
         goal, briefing = self._own if self.goal is None else self.goal, self._briefing
+        goal = self._passage.towards(self._own, goal)
         sample, time = briefing.hover_time, self._parameters.leg_time
         offset = goal - self._own
         distance = float(np.linalg.norm(offset))

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_env.ending import any_declares, end_at_source, judge, own_places
+from osl_env.flying import fly_hops, fly_velocities, fly_waypoints
+from osl_env.geometry import Geometry
 from osl_env.parameters import FloatArray
-from osl_env.plumes.base import PlumeModel
 from osl_env.radio import send_in_range
 from osl_env.reward import shape
 from osl_env.state import BoolArray, IntArray, StateArray
-from osl_env.stepping import finish, fly_hops, fly_velocities, fly_waypoints, settle
+from osl_env.stepping import finish, settle
+from osl_env.surroundings import Surroundings
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +26,7 @@ class Rules:
     """What does not change from step to step."""
 
     constants: StateArray
-    plume: PlumeModel
+    geometry: Geometry | None  # None: no obstacles
     hop_table: FloatArray  # (26 l_max + 1, 8)
     sampling_time: float  # s
     talks: bool  # there is a radio
@@ -46,6 +48,7 @@ class Block:
     strengths: FloatArray
     stepping: BoolArray
     rates: FloatArray
+    surroundings: Surroundings
     rewards: FloatArray
     team: StateArray
     links: BoolArray
@@ -61,21 +64,21 @@ class Block:
             declarations = np.empty((*b.motion.shape, 3))
             own_places(b.motion, actions, declaring, declarations)
             b.judge(declarations)
-        fly_hops(b.motion, b.ledger, b.episode, rules.constants, b.stepping, actions, rules.hop_table)
+        fly_hops(b.motion, b.ledger, b.episode, rules.constants, rules.geometry, b.stepping, actions, rules.hop_table)
         b.settle(cursor, is_step=True)
 
     def fly_to(self, targets: FloatArray, samples: IntArray, declarations: FloatArray | None, cursor: int) -> None:
         """One step of legs; see `World.step_waypoints`."""
-        b = self
+        b, rules = self, self.rules
         b.judge(declarations)
-        fly_waypoints(b.motion, b.ledger, b.episode, b.rules.constants, b.stepping, targets, samples)
+        fly_waypoints(b.motion, b.ledger, b.episode, rules.constants, rules.geometry, b.stepping, targets, samples)
         b.settle(cursor, is_step=True)
 
     def fly_with(self, velocities: FloatArray, declarations: FloatArray | None, cursor: int) -> None:
         """One decision period; see `World.step_velocities`."""
-        b = self
+        b, rules = self, self.rules
         b.judge(declarations)
-        fly_velocities(b.motion, b.ledger, b.episode, b.rules.constants, b.stepping, velocities)
+        fly_velocities(b.motion, b.ledger, b.episode, rules.constants, rules.geometry, b.stepping, velocities)
         b.settle(cursor, is_step=True)
 
     def judge(self, declarations: FloatArray | None) -> None:
@@ -84,12 +87,16 @@ class Block:
             judge(self.motion, self.ledger, self.episode, self.rules.constants, self.sources, declarations)
 
     def settle(self, cursor: int, *, is_step: bool) -> None:
-        """What follows a flight or a reset in the worlds that took part: read the plume, sample, talk, end, reward."""
-        b, rules = self, self.rules
-        rules.plume.read(b.motion, b.sources, b.strengths, b.episode, b.rates)
+        """What follows a flight or a reset in the worlds that took part: air and plume go on, then sample, talk, end,
+        reward.
+        """
+        b, rules, around = self, self.rules, self.surroundings
+        around.follow(b.stepping, b.motion, b.episode)
+        around.read_rates(b.motion, b.stepping, b.rates)
         in_range = rules.talks and not rules.to_all
         at_once = is_step and not in_range and not rules.reaching
-        settle(b.motion, b.ledger, b.senses, b.episode, rules.constants, b.stepping, b.rates, rules.sampling_time,
+        settle(b.motion, b.ledger, b.senses, b.episode, rules.constants, b.stepping, around.winds, b.rates,
+               around.sniffers, around.response, around.faults, rules.sampling_time,
                rules.talks and rules.to_all, b.rewards, b.team, at_once)  # fmt: skip
         if in_range:
             send_in_range(b.motion, b.ledger, b.senses, b.episode, rules.constants, b.stepping, b.links, b.heard,

@@ -2,8 +2,8 @@
 
 A declared position within `success_radius` of a source is a success, any other a false declaration; either ends the
 episode for the team. If several UAVs declare (or reach) in the same step, the one with the least search time of its
-own counts. A UAV whose battery is empty terminates; one that has used up its time or its decisions is truncated; when
-none is left, the episode is over.
+own counts. A UAV whose battery is empty terminates, and so does one that runs into an obstacle under the rule `end`;
+one that has used up its time or its decisions is truncated; when none is left, the episode is over.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numba import njit
 from osl_env.parameters import FloatArray
 from osl_env.reward import nearest_source
 from osl_env.state import ENDED, FALSE_DECLARATION, RUNNING, SUCCESS, BoolArray, IntArray, StateArray
-from osl_env.vehicles.legs import charge_leg
+from osl_env.vehicles.legs import charge_leg, is_lost
 
 
 @njit(error_model="numpy")
@@ -104,7 +104,7 @@ def end_at_source(
         winner, best = -1, math.inf
         for i in range(motion.shape[1] if stepping[e] else 0):
             m = motion[e, i]
-            if not (m.active and m.ready) or m.exhausted or ledger[e, i].search_time >= best:
+            if not (m.active and m.ready) or is_lost(m, c) or ledger[e, i].search_time >= best:
                 continue
             if nearest_source(m.position[0], m.position[1], m.position[2], sources, e) <= c.success_radius:
                 winner, best = i, ledger[e, i].search_time
@@ -114,15 +114,15 @@ def end_at_source(
 
 @njit(inline="always", error_model="numpy")
 def end_flights(motion: Any, ledger: Any, episode: Any, c: Any, e: int) -> None:
-    """After a step of world `e`: whose battery is empty, whose time is up; the episode is over when none is left."""
+    """After a step of world `e`: who is lost, whose time is up; the episode is over when none is left."""
     flying = False
     for i in range(motion.shape[1]):
         m, book = motion[e, i], ledger[e, i]
         if not m.active:
             continue
         if m.ready:
-            m.terminated = m.exhausted
-            m.truncated = not m.exhausted and (book.search_time >= c.time_limit or book.decisions >= c.max_decisions)
+            m.terminated = is_lost(m, c)
+            m.truncated = not m.terminated and (book.search_time >= c.time_limit or book.decisions >= c.max_decisions)
             m.active = not (m.terminated or m.truncated)
         flying = flying or m.active
     if not flying and episode[e].outcome == RUNNING:

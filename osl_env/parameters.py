@@ -75,6 +75,11 @@ class Parameters(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")  # by default inf would be null
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        if "kind" in cls.model_fields:
+            _KINDS.add(cls.model_fields["kind"].default)
+
     @model_validator(mode="before")
     @classmethod
     def _convert_quantities(cls, values: Any) -> Any:
@@ -91,10 +96,21 @@ class Parameters(BaseModel):
         return converted
 
 
+# keys whose value is one of several models, chosen by its `kind`: pydantic puts the kind into a problem's path
+_CHOSEN_BY_KIND = {"plume", "advertised_plume", "wind", "vehicle", "gas_sensor", "dispersion"}
+_KINDS: set[int | str] = set()  # of all models
+
+
+def _key_path(location: tuple[int | str, ...]) -> str:
+    """The path of a key as it is written in a file."""
+    chosen = [k > 0 and location[k - 1] in _CHOSEN_BY_KIND and part in _KINDS for k, part in enumerate(location)]
+    return ".".join(str(part) for part, by_kind in zip(location, chosen, strict=True) if not by_kind)
+
+
 def one_line(error: ValidationError, where: str | Path = "") -> InputError:
     """The first problem of a pydantic ValidationError as an InputError: file, key's path, value and limit."""
     first = error.errors()[0]
-    path = ".".join(str(part) for part in first["loc"])
+    path = _key_path(first["loc"])
     message = first["msg"].removeprefix("Value error, ")
     value = first.get("input")
     if first["type"] == "extra_forbidden":
@@ -107,6 +123,8 @@ def one_line(error: ValidationError, where: str | Path = "") -> InputError:
             if path
             else message
         )
+    elif first["type"] == "union_tag_invalid":
+        text = f"{path}.kind = {first['ctx']['tag']!r}: allowed are {first['ctx']['expected_tags']}"
     elif first["type"] == "missing":
         text = f"key {path!r} is missing"
     else:

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from pydantic import field_validator, model_validator
 
+from osl_env.geometry import Geometry, has_obstacles, is_taken
 from osl_env.numerics import uniform
 from osl_env.parameters import FloatArray, Parameters, Vector, quantity
 from osl_env.state import IntArray
@@ -16,6 +17,7 @@ from osl_env.streams import Purpose, derive
 
 _SCENARIO = int(Purpose.SCENARIO)
 _TRIES = 1000  # draws of a place before the farthest one found is taken
+_MOST_TRIES = 1_000_000  # the same, if none of them was free of obstacles
 
 
 def _ordered(region: tuple[Vector, Vector] | None) -> tuple[Vector, Vector] | None:
@@ -73,14 +75,20 @@ class Sources(Parameters):
 
 
 @njit(cache=True, error_model="numpy")
-def _draw_place(state: Any, low: Any, high: Any, away_from: Any, minimum: float, place: Any) -> Any:
-    """Draw `place` (3,) uniformly from the box, `minimum` m away from the points (n, 3): the stream's new state."""
+def _draw_place(state: Any, low: Any, high: Any, away_from: Any, minimum: float, geometry: Any, place: Any) -> Any:
+    """Draw `place` (3,) uniformly from the box, `minimum` m away from the points (n, 3): the stream's new state.
+
+    Places that obstacles take are drawn again.
+    """
     farthest = -1.0
     candidate = np.empty(3)
-    for _ in range(_TRIES):
+    obstructed = has_obstacles(geometry)
+    for n in range(_MOST_TRIES):
         for axis in range(3):
             state, u = uniform(state)
             candidate[axis] = low[axis] + u * (high[axis] - low[axis])
+        if obstructed and is_taken(geometry, candidate[0], candidate[1], candidate[2]):
+            continue
         nearest = math.inf
         for k in range(away_from.shape[0]):
             dx, dy = candidate[0] - away_from[k, 0], candidate[1] - away_from[k, 1]
@@ -89,7 +97,7 @@ def _draw_place(state: Any, low: Any, high: Any, away_from: Any, minimum: float,
         if nearest > farthest:
             farthest = nearest
             place[:] = candidate
-        if nearest >= minimum:
+        if nearest >= minimum or n >= _TRIES - 1:
             break
     return state
 
@@ -100,22 +108,24 @@ def draw_places(
     team_region: FloatArray,
     source_region: FloatArray,
     minimum_distance: float,
+    geometry: Geometry,
     starts: FloatArray,
     sources: FloatArray,
 ) -> None:
     """Fill in what is random: `starts` (n, n_uavs, 3) and `sources` (n, n_sources, 3), m, of the episodes with `seeds`.
 
-    A region is (2, 3); an empty one (0, 3) leaves the given places. Starts come from stream 0, sources from stream 1.
+    A region is (2, 3); an empty one (0, 3) leaves the given places. Starts come from stream 0, sources
+    from stream 1. What is drawn is free of the obstacles in `geometry`.
     """
     nothing = np.empty((0, 3))
     for k in range(seeds.size):
         if team_region.shape[0] == 2:
             state = derive(seeds[k], _SCENARIO, 0)
             for i in range(starts.shape[1]):
-                state = _draw_place(state, team_region[0], team_region[1], nothing, 0.0, starts[k, i])
+                state = _draw_place(state, team_region[0], team_region[1], nothing, 0.0, geometry, starts[k, i])
         if source_region.shape[0] == 2:
             state = derive(seeds[k], _SCENARIO, 1)
             for i in range(sources.shape[1]):
                 state = _draw_place(
-                    state, source_region[0], source_region[1], starts[k], minimum_distance, sources[k, i]
+                    state, source_region[0], source_region[1], starts[k], minimum_distance, geometry, sources[k, i]
                 )

@@ -59,6 +59,7 @@ class EpisodeRecord:
     n_flights: int
     n_hovers: int
     n_turns: int
+    collisions: int  # legs or periods that ran into an obstacle
     flying_time: float  # s
     hovering_time: float  # s
     turning_time: float  # s
@@ -119,6 +120,7 @@ class EpisodeRecord:
             n_flights=int(ledger["flights"].sum()),
             n_hovers=int(ledger["hovers"].sum()),
             n_turns=int(ledger["turns"].sum()),
+            collisions=int(ledger["collisions"].sum()),
             flying_time=float(ledger["flying_time"].sum()),
             hovering_time=float(ledger["hovering_time"].sum()),
             turning_time=float(ledger["turning_time"].sum()),

@@ -9,9 +9,11 @@ from __future__ import annotations
 import difflib
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
+import numpy as np
 from pydantic import ValidationError, model_validator
 
 from osl_env.arena import Arena
@@ -20,15 +22,47 @@ from osl_env.energy import EnergyModel
 from osl_env.errors import InputError
 from osl_env.parameters import Parameters, Vector, one_line, quantity
 from osl_env.placement import Sources, Team
+from osl_env.plumes.field import FieldPlume
+from osl_env.plumes.filament import FilamentPlume
 from osl_env.plumes.hit_rate import HitRatePlume
+from osl_env.plumes.pseudo_gaussian import PseudoGaussianPlume
+from osl_env.plumes.puff import GaussianPuffPlume
 from osl_env.radio import Radio
 from osl_env.reward import Reward
-from osl_env.sensors import Anemometer, PoissonCounter
+from osl_env.sensors import Anemometer, IdealSensor, MoxSensor, PidSensor, PoissonCounter, RangeSensors, SensorFault
 from osl_env.vehicles.grid_hop import GridHop
 from osl_env.vehicles.point_mass import PointMass
+from osl_env.winds.field import FieldWind
+from osl_env.winds.meander import MeanderingWind
+from osl_env.winds.series import SeriesWind
+from osl_env.winds.turbulence import TurbulentWind
 from osl_env.winds.uniform import UniformWind
 
 _MAX_BASES = 8  # a chain of `base` keys longer than this is a loop
+
+
+Plume: TypeAlias = HitRatePlume | GaussianPuffPlume | FilamentPlume | PseudoGaussianPlume | FieldPlume
+AnyWind: TypeAlias = UniformWind | MeanderingWind | TurbulentWind | SeriesWind | FieldWind
+AnyVehicle: TypeAlias = GridHop | PointMass
+AnyGasSensor: TypeAlias = PoissonCounter | IdealSensor | PidSensor | MoxSensor
+
+_DEFAULT_KINDS = {
+    "plume": "hit_rate",
+    "advertised_plume": "hit_rate",
+    "wind": "uniform",
+    "vehicle": "grid_hop",
+    "gas_sensor": "poisson_counter",
+}
+# parameters added after the first hashes were published, with what they mean where they are not given: left out of the
+# hash while they have this value, so that a scenario keeps its hash
+_ADDED: dict[str, Any] = {
+    "range_sensors": RangeSensors().model_dump(mode="json"),
+    "sensor_faults": [],
+    "arena.obstacles": [],
+    "arena.occupancy": None,
+    "arena.collision": Arena().collision,
+    "arena.clearance": Arena().clearance,
+}
 
 
 class Ending(Parameters):
@@ -48,13 +82,15 @@ class Scenario(Parameters):
     arena: Arena = Arena()
     team: Team = Team()
     sources: Sources = Sources()
-    plume: HitRatePlume = HitRatePlume()
-    advertised_plume: HitRatePlume | None = None  # what the policies are told; default: the truth
-    wind: UniformWind = UniformWind()
-    vehicle: GridHop | PointMass = quantity(GridHop(), "", discriminator="kind")
+    plume: Plume = quantity(HitRatePlume(), "", discriminator="kind")
+    advertised_plume: Plume | None = quantity(None, "", discriminator="kind")  # what policies are told; else the truth
+    wind: AnyWind = quantity(UniformWind(), "", discriminator="kind")
+    vehicle: AnyVehicle = quantity(GridHop(), "", discriminator="kind")
     energy: EnergyModel = EnergyModel()
-    gas_sensor: PoissonCounter = PoissonCounter()
+    gas_sensor: AnyGasSensor = quantity(PoissonCounter(), "", discriminator="kind")
     anemometer: Anemometer = Anemometer()
+    range_sensors: RangeSensors = RangeSensors()
+    sensor_faults: tuple[SensorFault, ...] = ()
     radio: Radio = Radio()
     ending: Ending = Ending()
     reward: Reward = Reward()
@@ -65,9 +101,11 @@ class Scenario(Parameters):
     @model_validator(mode="before")
     @classmethod
     def _default_kinds(cls, values: Any) -> Any:
-        """A vehicle without a `kind` is the default one."""
-        if isinstance(values, dict) and isinstance(values.get("vehicle"), dict):
-            values = values | {"vehicle": {"kind": "grid_hop"} | values["vehicle"]}
+        """A model without a `kind` is the default one."""
+        if isinstance(values, dict):
+            for key, kind in _DEFAULT_KINDS.items():
+                if isinstance(values.get(key), dict):
+                    values = values | {key: {"kind": kind} | values[key]}
         return values
 
     @model_validator(mode="after")
@@ -75,22 +113,59 @@ class Scenario(Parameters):
         if self.action not in self.vehicle.commands:
             allowed = ", ".join(self.vehicle.commands)
             raise ValueError(f"action = {self.action!r}: vehicle {self.vehicle.kind!r} takes {allowed}")
-        if self.team.region is None:
-            self._inside("team.starts", self.team.starts[: self.team.n_uavs])
-        else:
-            self._inside("team.region", self.team.region)
-        if self.sources.region is None:
-            self._inside("sources.positions", self.sources.positions)
-        else:
-            self._inside("sources.region", self.sources.region)
-            self._far_enough()
+        for key, region, places in (
+            ("team", self.team.region, self.team.starts[: self.team.n_uavs]),
+            ("sources", self.sources.region, self.sources.positions),
+        ):
+            if region is None:
+                self._free("team.starts" if key == "team" else "sources.positions", places)
+                continue
+            self._inside(f"{key}.region", region)
+            if not self.arena.has_room(region):
+                raise ValueError(f"{key}.region = {[list(corner) for corner in region]}: all of it is inside obstacles")
+        self._far_enough()
+        self._smellable()
+        _check("plume", self.plume.check, self.arena, self.sources.count)
+        _check("wind", self.wind.check, self.arena)
         return self
+
+    def _smellable(self) -> None:
+        """The gas sensor must measure what the plume gives, and the policies be told of a plume of what it reports."""
+        if self.gas_sensor.measures != self.plume.measures:
+            raise ValueError(
+                f"gas_sensor.kind = {self.gas_sensor.kind!r}: measures a {self.gas_sensor.measures}, but plume"
+                f" {self.plume.kind!r} gives a {self.plume.measures}"
+            )
+        if self.plume.measures == "concentration" and self.reports == "hits" and self.told_plume.measures != "hit_rate":
+            raise ValueError(
+                "advertised_plume: gas_sensor.count_unit makes the sensor report hits, so the policies must be told of"
+                " a plume of kind hit_rate"
+            )
+        if self.gas_sensor.measures == "concentration" and self.tick > self.decision_time:
+            raise ValueError(
+                f"plume.step = {self.tick:g}: must be at most the {self.decision_time:g} s of a sample"
+                f" ({'decision_period' if self.action == 'velocity' else 'hover_time'} of the vehicle)"
+            )
+        if isinstance(self.plume, FieldPlume) and not self._sources_are(self.plume):
+            raise ValueError(
+                f"sources.positions = {[list(place) for place in self.sources.positions]}: plume 'playback' holds the"
+                f" gas of sources at {self.plume.source_positions().tolist()}"
+            )
+        for k, fault in enumerate(self.sensor_faults):
+            if fault.uav is not None and fault.uav >= self.team.n_uavs:
+                raise ValueError(f"sensor_faults.{k}.uav = {fault.uav}: there are UAVs 0 to {self.team.n_uavs - 1}")
 
     def _inside(self, key: str, positions: tuple[Vector, ...]) -> None:
         for position in positions:
             if not self.arena.contains(position):
                 box = " x ".join(f"[0, {side:g}]" for side in self.arena.size)
                 raise ValueError(f"{key} = {[float(x) for x in position]}: must lie inside the area {box} m")
+
+    def _free(self, key: str, positions: tuple[Vector, ...]) -> None:
+        self._inside(key, positions)
+        for position in positions:
+            if not self.arena.is_free(position):
+                raise ValueError(f"{key} = {[float(x) for x in position]}: lies inside an obstacle, or touches one")
 
     def _far_enough(self) -> None:
         """The source region must hold a place that is `minimum_distance` from every fixed start."""
@@ -110,6 +185,21 @@ class Scenario(Parameters):
                 f" than {reach:.3g} m from the starts"
             )
 
+    def _sources_are(self, plume: FieldPlume) -> bool:
+        places = plume.source_positions()
+        fixed = self.sources.region is None and len(places) == self.sources.count
+        return fixed and bool(np.allclose(places, self.sources.positions, atol=1e-6))
+
+    @property
+    def told_plume(self) -> Plume:
+        """The plume that the policies are told of."""
+        return self.plume if self.advertised_plume is None else self.advertised_plume
+
+    @property
+    def reports(self) -> Literal["hits", "concentration"]:
+        """What a reading is."""
+        return self.gas_sensor.reports
+
     @property
     def n_neighbours(self) -> int:
         """M: entries of the neighbour table of an observation."""
@@ -123,9 +213,24 @@ class Scenario(Parameters):
         return self.vehicle.hover_time
 
     @property
+    def tick(self) -> float:
+        """s between two updates of air, plume and sensors; 0: nothing changes.
+
+        The plume's own, or the shorter of the wind's and the sensor's.
+        """
+        if self.plume.tick is not None:
+            return float(self.plume.tick)
+        ticks = [self.wind.tick] if self.wind.changes else []
+        if self.gas_sensor.measures == "concentration":
+            ticks.append(float(self.gas_sensor.period))
+        return min(ticks, default=0.0)
+
+    @property
     def hash(self) -> str:
         """12 hexadecimal digits that change with anything that changes an episode (not name or description)."""
         content = self.model_dump(mode="json", exclude={"name", "description"})
+        for key, default in _ADDED.items():
+            _leave_out(content, key.split("."), default)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
 
     def override(self, **changes: Any) -> Scenario:
@@ -135,6 +240,22 @@ class Scenario(Parameters):
 
 def _ends(region: tuple[Vector, Vector], axis: int) -> tuple[float, float]:
     return region[0][axis], region[1][axis]
+
+
+def _check(key: str, check: Callable[..., None], *surroundings: Any) -> None:
+    """Let a model say whether it fits, and put its key before what it says."""
+    try:
+        check(*surroundings)
+    except ValueError as error:
+        raise ValueError(f"{key}.{error}") from None
+
+
+def _leave_out(content: dict[str, Any], path: list[str], default: Any) -> None:
+    """Take the key at `path` out of `content` if it has its `default`."""
+    for part in path[:-1]:
+        content = content[part]
+    if path[-1] in content and content[path[-1]] == default:
+        del content[path[-1]]
 
 
 def _build(content: dict[str, Any], where: str | Path) -> Scenario:
@@ -160,7 +281,15 @@ def _find(name: str, beside: Path | None) -> Path:
         raise InputError(f"{path}: no such scenario file")
     near = difflib.get_close_matches(name, scenario_names(), n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""
-    raise InputError(f"unknown scenario {name!r}: {hint}allowed are {', '.join(scenario_names())}, or a YAML file")
+    raise InputError(f"unknown scenario {name!r}: {hint}allowed are {_allowed()}, or a YAML file")
+
+
+def _allowed() -> str:
+    """The presets' names; of a preset and its random variant the first, with a star."""
+    names = scenario_names()
+    plain = [name for name in names if not name.endswith("-random") or name.removesuffix("-random") not in names]
+    starred = [f"{name}*" if f"{name}-random" in names else name for name in plain]
+    return f"{', '.join(starred)} (*: also with -random)"
 
 
 def _content(name: str, beside: Path | None = None, depth: int = 0) -> tuple[dict[str, Any], Path]:

@@ -19,6 +19,7 @@ DETECTION_MEMORY = 3  # K: how many detections a UAV remembers, latest first
 ENERGY_KINDS = ("flying", "hovering", "turning", "waiting", "computing", "communicating")
 FLYING, HOVERING, TURNING, WAITING, COMPUTING, COMMUNICATING = range(len(ENERGY_KINDS))
 RUNNING, SUCCESS, FALSE_DECLARATION, ENDED = range(4)  # outcomes of an episode
+STOP, SLIDE, END = range(3)  # what a collision with an obstacle does
 
 _F, _I, _C, _B, _U = np.float64, np.int64, np.int32, np.bool_, np.uint64
 
@@ -40,6 +41,8 @@ MOTION = np.dtype(  # (n_envs, n_uavs)
         ("terminated", _B),
         ("truncated", _B),
         ("velocity", _F, (3,)),  # m/s; zero between legs
+        ("origin", _F, (3,)),  # m, where the present leg or period began
+        ("collided", _B),  # the last leg or period ran into an obstacle
     ],
     align=True,
 )
@@ -60,6 +63,7 @@ LEDGER = np.dtype(  # (n_envs, n_uavs)
         ("hovers", _C),  # hovering points (n_h of MUC-OSL eq 5)
         ("flights", _C),
         ("decisions", _C),
+        ("collisions", _C),  # legs or periods that ran into an obstacle
         ("rewarded_energy", _F),  # J, energy and search time up to which rewards have been paid
         ("rewarded_time", _F),
         ("potential", _F),  # of the shaping term
@@ -140,6 +144,7 @@ CONSTANTS = np.dtype(  # (1,): every number that the kernels need of the scenari
         ("joule_per_bit_computed", _F),
         ("joule_per_byte_sent", _F),
         ("event_clock", _B),
+        ("collision", _I),  # of a UAV with an obstacle: STOP, SLIDE, END
         ("reach", _B),
         ("time_limit", _F),
         ("max_decisions", _I),

@@ -7,7 +7,6 @@ change.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -17,132 +16,11 @@ from osl_env.ending import end_flights
 from osl_env.parameters import FloatArray
 from osl_env.radio import charge_bytes, send_to_all
 from osl_env.reward import pay
-from osl_env.sensors import sample
+from osl_env.sensors import measure_wind, sample, sample_concentration
 from osl_env.state import COMPUTING, HOVERING, RUNNING, BoolArray, IntArray, StateArray
 from osl_env.streams import Purpose, derive
-from osl_env.vehicles.legs import (
-    SAME_PLACE,
-    advance_to_next,
-    begin_leg,
-    complete_leg,
-    flight_time,
-    hop_inside,
-    wait_for_slowest,
-)
-from osl_env.vehicles.point_mass import fly_period
 
 _SENSOR, _ANEMOMETER, _RADIO = int(Purpose.SENSOR), int(Purpose.ANEMOMETER), int(Purpose.RADIO)
-
-
-@njit(cache=True, error_model="numpy")
-def fly_hops(
-    motion: StateArray,
-    ledger: StateArray,
-    episode: StateArray,
-    constants: StateArray,
-    stepping: BoolArray,
-    actions: IntArray,
-    table: FloatArray,
-) -> None:
-    """One step of hops in every running world: fly, and advance the clocks.
-
-    `actions` (n_envs, n_uavs) are rows of `table` (see `hop_table`). A hop that would leave the area is shortened to
-    the longest one inside. Writes which worlds flew to `stepping`.
-    """
-    n_envs, n_uavs = motion.shape
-    c = constants[0]
-    hover = table.shape[0] - 1
-    for e in range(n_envs):
-        stepping[e] = episode[e].outcome == RUNNING
-        if not stepping[e]:
-            continue
-        clock = episode[e].clock
-        for i in range(n_uavs):
-            m = motion[e, i]
-            if m.active and m.ready:
-                k = hop_inside(m.position, c.area, table, actions[e, i], c.hop_lengths, hover)
-                for axis in range(3):
-                    m.target[axis] = m.position[axis] + table[k, axis]
-                begin_leg(m, ledger[e, i], c, clock, table[k, 3], table[k, 4], table[k, 5], table[k, 6], table[k, 7], 1)
-                if not c.event_clock:
-                    complete_leg(m, ledger[e, i], c)
-        if c.event_clock:
-            advance_to_next(motion, ledger, episode, c, e)
-        else:
-            wait_for_slowest(motion, ledger, episode, c, e)
-
-
-@njit(cache=True, error_model="numpy")
-def fly_waypoints(
-    motion: StateArray,
-    ledger: StateArray,
-    episode: StateArray,
-    constants: StateArray,
-    stepping: BoolArray,
-    targets: FloatArray,
-    samples: IntArray,
-) -> None:
-    """One step of legs in every running world: fly, and advance the clocks.
-
-    Legs go to `targets` (n_envs, n_uavs, 3), m, clipped into the area, with `samples` (n_envs, n_uavs) samples at
-    their ends. Writes which worlds flew to `stepping`.
-    """
-    n_envs, n_uavs = motion.shape
-    c = constants[0]
-    flight = np.empty(3)
-    for e in range(n_envs):
-        stepping[e] = episode[e].outcome == RUNNING
-        if not stepping[e]:
-            continue
-        clock = episode[e].clock
-        for i in range(n_uavs):
-            m = motion[e, i]
-            if not (m.active and m.ready):
-                continue
-            squared = 0.0
-            for axis in range(3):
-                m.target[axis] = min(max(targets[e, i, axis], 0.0), c.area[axis])
-                flight[axis] = m.target[axis] - m.position[axis]
-                squared += flight[axis] * flight[axis]
-            distance = math.sqrt(squared)
-            if distance > SAME_PLACE:
-                for axis in range(3):
-                    flight[axis] /= distance
-            else:
-                distance = 0.0
-                for axis in range(3):
-                    m.target[axis] = m.position[axis]
-            count = min(max(samples[e, i], 1), c.max_samples)
-            duration = flight_time(distance, c.speed, c.acceleration) if distance > 0.0 else 0.0
-            begin_leg(m, ledger[e, i], c, clock, flight[0], flight[1], flight[2], distance, duration, count)
-            if not c.event_clock:
-                complete_leg(m, ledger[e, i], c)
-        if c.event_clock:
-            advance_to_next(motion, ledger, episode, c, e)
-        else:
-            wait_for_slowest(motion, ledger, episode, c, e)
-
-
-@njit(cache=True, error_model="numpy")
-def fly_velocities(
-    motion: StateArray,
-    ledger: StateArray,
-    episode: StateArray,
-    constants: StateArray,
-    stepping: BoolArray,
-    commands: FloatArray,
-) -> None:
-    """One decision period with velocity `commands` (n_envs, n_uavs, 3), m/s, in every running world."""
-    n_envs, n_uavs = motion.shape
-    c = constants[0]
-    for e in range(n_envs):
-        stepping[e] = episode[e].outcome == RUNNING
-        if not stepping[e]:
-            continue
-        for i in range(n_uavs):
-            if motion[e, i].active:
-                fly_period(motion[e, i], ledger[e, i], c, commands[e, i, 0], commands[e, i, 1], commands[e, i, 2])
-        episode[e].clock += c.decision_period
 
 
 @njit(cache=True, error_model="numpy")
@@ -153,7 +31,11 @@ def settle(
     episode: StateArray,
     constants: StateArray,
     stepping: BoolArray,
+    winds: FloatArray,
     rates: FloatArray,
+    sniffers: StateArray,
+    response: StateArray,
+    faults: StateArray,
     sampling_time: float,
     talks: bool,
     rewards: FloatArray,
@@ -163,17 +45,26 @@ def settle(
     """What follows a flight or a reset: samples; the radio, where a frame reaches all at once (`talks`); and, with
     `ends`, `finish`.
 
+    `winds` (n_envs, n_uavs or 1, 3), m/s. The gas sensor counts at the hit rates `rates` (n_envs, n_uavs), 1/s, or, if
+    there are `sniffers` (n_envs, n_uavs), gives what they have averaged.
     One pass over the state instead of two where nothing has to come between samples and endings.
     """
     n_envs, n_uavs = motion.shape
-    c = constants[0]
+    c, smells, winds_each = constants[0], sniffers.shape[1] > 0, winds.shape[1] > 1
     for e in range(n_envs):
         if stepping[e]:
             for i in range(n_uavs):
                 s = senses[e, i]
                 s.fresh = False
                 if motion[e, i].active and motion[e, i].ready:
-                    sample(motion[e, i], s, episode[e], c, rates[e, i], sampling_time)
+                    wind = winds[e, i if winds_each else 0]
+                    measure_wind(s, c, wind[0], wind[1], wind[2])
+                    if smells:
+                        sample_concentration(
+                            motion[e, i], s, sniffers[e, i], episode[e], response[0], faults, i, sampling_time
+                        )
+                    else:
+                        sample(motion[e, i], s, episode[e], c, rates[e, i], faults, i, sampling_time)
             if talks:
                 send_to_all(motion, ledger, senses, episode[e].clock, c, e)
         if ends:
@@ -259,12 +150,13 @@ def begin(
 def _begin_motion(m: Any, first_hover: float) -> None:
     for axis in range(3):
         m.velocity[axis] = m.heading[axis] = 0.0
-        m.target[axis] = m.position[axis]
+        m.target[axis] = m.origin[axis] = m.position[axis]
     m.leg_turn = m.leg_flight = m.leg_path = 0.0
     m.leg_hover = m.leg_end = first_hover
     m.turns = 0
     m.samples = 1 if first_hover > 0.0 else 0
     m.active = m.ready = True
+    m.collided = False
     m.exhausted = m.terminated = m.truncated = False
 
 
@@ -276,7 +168,7 @@ def _begin_ledger(book: Any, m: Any, c: Any, first_hover: float) -> None:
     book.hovering_time = book.search_time = first_hover
     book.energy[HOVERING] = min(first_hover * c.hovering_power, c.capacity)
     book.spent = book.energy[HOVERING]
-    book.turns = book.flights = book.decisions = book.messages = book.bytes = 0
+    book.turns = book.flights = book.decisions = book.collisions = book.messages = book.bytes = 0
     book.hovers = m.samples
     book.total_reward = 0.0
     book.rewarded_energy = book.spent

@@ -33,6 +33,7 @@ class Purpose(IntEnum):
     POLICY = 7
     EPISODE = 8
     RENDER = 9
+    RANGE = 10
 
 
 @njit(cache=True)

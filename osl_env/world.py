@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 
 from osl_env.block import Block, Rules
 from osl_env.errors import InputError
+from osl_env.kernel_constants import kernel_constants
 from osl_env.mailbox import Mailbox
 from osl_env.observation import Observation, ObservationLayout
 from osl_env.parameters import FloatArray
 from osl_env.placement import draw_places
-from osl_env.radio import HEADER_BYTES, Message
+from osl_env.radio import Message
 from osl_env.scenario import Scenario, load_scenario
 from osl_env.state import (
-    CONSTANTS,
     ENDED,
     EPISODE,
     FRAME,
@@ -36,6 +36,7 @@ from osl_env.state import (
 )
 from osl_env.stepping import begin, charge_payloads
 from osl_env.streams import check_seed
+from osl_env.surroundings import Surroundings
 from osl_env.vehicles.legs import hop_table
 from osl_env.vehicles.point_mass import PointMass
 
@@ -62,7 +63,7 @@ class World:
         if self.n_envs * self.n_uavs * per_uav > _MAX_STATE_BYTES:
             raise InputError(f"n_envs = {n_envs}: this many worlds of {self.n_uavs} UAVs need over 16 GiB")
         self.layout = ObservationLayout(self.scenario)
-        self.constants = _constants(self.scenario)
+        self.constants = kernel_constants(self.scenario)
         self.motion: StateArray = np.zeros(shape, MOTION)
         self.ledger: StateArray = np.zeros(shape, LEDGER)
         self.senses: StateArray = np.zeros(shape, SENSES)
@@ -80,6 +81,7 @@ class World:
         sources, radio = self.scenario.sources, self.scenario.radio
         self.source_position: FloatArray = np.zeros((self.n_envs, sources.count, 3))
         self.source_strength: FloatArray = np.ones((self.n_envs, sources.count)) * np.array(sources.strengths or 1.0)
+        self.surroundings = Surroundings(self.scenario, self.source_position, self.source_strength, self.n_uavs)
         self.rates: FloatArray = np.zeros(shape)
         self.rewards: FloatArray = np.zeros(shape)
         self.team: StateArray = np.zeros(self.n_envs, TEAM)
@@ -96,7 +98,7 @@ class World:
         in_periods = scenario.action == "velocity" and isinstance(vehicle, PointMass)
         return Rules(
             constants=self.constants,
-            plume=scenario.plume,
+            geometry=scenario.arena.geometry if scenario.arena.obstructed else None,
             hop_table=hop_table(vehicle),
             sampling_time=scenario.decision_time if in_periods else vehicle.hover_time,
             talks=scenario.radio.radius > 0 and self.n_uavs > 1,
@@ -116,6 +118,7 @@ class World:
             strengths=self.source_strength,
             stepping=self._stepping,
             rates=self.rates,
+            surroundings=self.surroundings,
             rewards=self.rewards,
             team=self.team,
             links=self._links,
@@ -142,6 +145,11 @@ class World:
         """(n_envs,) bool: which worlds have been reset at least once."""
         begun: BoolArray = np.less_equal(self.episode["outcome"], ENDED)
         return begun
+
+    @property
+    def ranges(self) -> FloatArray:
+        """(n_envs, n_uavs, n_rays) m: what the range sensors saw last."""
+        return self.surroundings.ranges
 
     @property
     def links(self) -> BoolArray:
@@ -179,6 +187,7 @@ class World:
         first_hover = 0.0 if self.scenario.action == "velocity" else self._rules.sampling_time
         begin(self.motion, self.ledger, self.senses, self.heard, self._sent, self.episode, self.constants, rows, chosen,
               first_hover)  # fmt: skip
+        self.surroundings.begin(rows, chosen, self.episode)
         self._mailbox.clear(rows)
         self._block.settle(self._cursor, is_step=False)  # the last step's slot: theirs has just been emptied
         self._rows = None
@@ -194,10 +203,10 @@ class World:
         nothing = np.empty((0, 3))
         team_region = nothing if team.region is None else np.array(team.region)
         source_region = nothing if sources.region is None else np.array(sources.region)
-        draw_places(seeds, team_region, source_region, sources.minimum_distance, starts, places)
+        geometry = self.scenario.arena.geometry
+        draw_places(seeds, team_region, source_region, sources.minimum_distance, geometry, starts, places)
         self.source_position[rows] = places
         self.motion["position"][rows] = starts
-        self.episode["wind"][rows] = self.scenario.wind.draw(seeds)
 
     def _advance(self) -> None:
         self._cursor = (self._cursor + 1) % self._sent.shape[2]
@@ -225,6 +234,20 @@ class World:
         self._advance()
         self._block.fly_with(velocities, declarations, self._cursor)
 
+    def concentration(self, env: int, points: ArrayLike) -> FloatArray:
+        """The plume's present reading in world `env` at `points` (.., 3) m, in its unit; shape (..). For pictures: no
+        UAV knows it.
+        """
+        return self.surroundings.reading(env, np.asarray(points, dtype=np.float64))
+
+    def wind_at(self, env: int, points: ArrayLike) -> FloatArray:
+        """The air's present velocity, m/s, in world `env` at `points` (.., 3) m; shape (.., 3). For pictures."""
+        return self.surroundings.velocity(env, np.asarray(points, dtype=np.float64))
+
+    def run_air(self, seconds: float) -> None:
+        """Let air and plume of all worlds go on for `seconds`, without the UAVs; the clocks stay. For pictures."""
+        self.surroundings.go_on(seconds)
+
     def observation(self, env: int, uav: int) -> Observation:
         """What UAV `uav` of world `env` may know now."""
         return self.layout.observation(self.physical[env, uav])
@@ -251,33 +274,3 @@ class World:
         bits = np.zeros(self.motion.shape) if computed_bits is None else computed_bits
         charge_payloads(self.motion, self.ledger, self.constants, lengths, bits)
         return self._mailbox.exchange(self, payloads)
-
-
-def _constants(scenario: Scenario) -> StateArray:
-    """The kernels' numbers, from the model objects."""
-    constants = np.zeros(1, CONSTANTS)
-    vehicle, energy, ending, radio = scenario.vehicle, scenario.energy, scenario.ending, scenario.radio
-    for name in ("step_length", "hop_lengths", "speed", "acceleration", "hover_time", "turn_time", "max_samples"):
-        constants[name] = getattr(vehicle, name)
-    if isinstance(vehicle, PointMass):
-        constants["decision_period"] = vehicle.decision_period
-        constants["physics_step"] = vehicle.physics_step
-    for name in ("flying_power", "hovering_power", "turn_energy", "capacity"):
-        constants[name] = getattr(energy, name)
-    for name in ("time_limit", "max_decisions", "success_radius"):
-        constants[name] = getattr(ending, name)
-    for name in ("false_positive_rate", "miss_probability", "dead_time"):
-        constants[name] = getattr(scenario.gas_sensor, name)
-    for name in ("radius", "latency", "loss"):
-        constants[name] = getattr(radio, name)
-    for name in ("time", "success", "false_declaration", "energy", "detection", "shaping"):
-        constants[f"reward_{name}"] = getattr(scenario.reward, name)
-    constants["area"] = scenario.arena.size
-    constants["joule_per_bit_computed"] = energy.joule_per_bit
-    constants["joule_per_byte_sent"] = radio.joule_per_byte
-    constants["event_clock"] = scenario.clock == "event"
-    constants["reach"] = ending.success == "reach"
-    constants["wind_noise"] = scenario.anemometer.noise
-    constants["header_bytes"] = HEADER_BYTES
-    constants["discount"] = scenario.reward.discount
-    return constants

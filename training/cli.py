@@ -19,6 +19,7 @@ import tyro
 from osl_env.errors import InputError
 from training.commands.bench import Bench
 from training.commands.listing import Listing
+from training.commands.plume import Plume
 from training.commands.reproduce import Reproduce
 from training.commands.run import Run
 from training.commands.train import Train
@@ -33,6 +34,7 @@ Command = (
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Reproduce, tyro.conf.subcommand("reproduce")]
+    | Annotated[Plume, tyro.conf.subcommand("plume")]
 )
 
 
@@ -62,7 +64,7 @@ def _complain(message: str, code: int) -> int:
     return code
 
 
-def _parse(words: list[str]) -> Listing | Run | Bench | Train | Reproduce:
+def _parse(words: list[str]) -> Listing | Run | Bench | Train | Reproduce | Plume:
     """The command that `words` mean. Raises InputError, in one line, where tyro would draw a box."""
     said = io.StringIO()
     try:

@@ -194,12 +194,17 @@ def _invalid(policy: Policy, action: object, limit: str) -> InputError:
 
 
 def _check_fit(policy: Policy, scenario: Scenario) -> None:
-    measures = scenario.plume.measures
-    if measures not in policy.plume_quantities:
+    told = scenario.told_plume.measures if scenario.reports == "hits" else scenario.reports
+    if told not in policy.plume_quantities:
         understood = " or ".join(policy.plume_quantities)
         raise InputError(
             f"policy {policy.name} cannot search in scenario {scenario.name}: "
-            f"its plume gives {measures}, the policy understands {understood}"
+            f"its sensor gives {scenario.reports} of a plume of {told}, the policy understands {understood}"
+        )
+    if scenario.ending.success == "declare" and scenario.reports not in policy.declares_from:
+        raise InputError(
+            f"policy {policy.name} cannot search in scenario {scenario.name}: a source must be declared there, and the"
+            f" policy declares from {' or '.join(policy.declares_from)}, not from a {scenario.reports}"
         )
 
 

@@ -36,6 +36,7 @@ from osl_env.envs.spaces import uav_action_space
 from osl_env.errors import InputError
 from osl_env.parameters import FloatArray, Parameters, quantity
 from osl_env.scenario import Scenario, load_scenario
+from osl_env.winds.mean_wind import MeanWind
 
 _PLACES = ("scenario", "anywhere", "corner")
 _CORNER = 1.0 / 3.0  # of each side
@@ -227,9 +228,12 @@ def _region(key: str, where: Any, area: Sequence[float], region: Any) -> Any:
 
 def _wind(base: Scenario, values: dict[str, Any]) -> list[float]:
     """The wind's velocity, m/s; without a wind in the base, it blows along -y."""
-    east, north, _ = base.wind.velocity
-    speed = values.get("wind.speed", base.wind.speed)
-    direction = values.get("wind.direction", math.atan2(north, east) if base.wind.speed > 0 else -math.pi / 2.0)
+    wind = base.wind
+    if not isinstance(wind, MeanWind):
+        raise InputError(f"wind.speed, wind.direction: wind {wind.kind!r} has no mean velocity that could be varied")
+    east, north, _ = wind.velocity
+    speed = values.get("wind.speed", wind.speed)
+    direction = values.get("wind.direction", math.atan2(north, east) if wind.speed > 0 else -math.pi / 2.0)
     if not isinstance(speed, int | float) or speed < 0 or not isinstance(direction, int | float):
         raise InputError(f"wind.speed = {speed!r}, wind.direction = {direction!r}: must be numbers, a speed at least 0")
     return [speed * math.cos(direction), speed * math.sin(direction), 0.0]

@@ -12,6 +12,7 @@ from rich.console import Group as Lines
 from rich.table import Table
 from rich.text import Text
 
+from osl_env.plumes.hit_rate import HitRatePlume
 from osl_env.scenario import Scenario
 from training.benchmark import Sweep
 from training.comparison import Group, Row
@@ -153,11 +154,13 @@ def conditions(scenario: Scenario, seeds: Sequence[int], *, swept: bool = False)
     """
     if swept:
         return f"{scenario.clock} clock, seeds {seeds[0]} to {seeds[-1]}"
-    strength = scenario.plume.source_strength * scenario.vehicle.hover_time
+    plume = scenario.plume
+    gas = plume.summary
+    if isinstance(plume, HitRatePlume):
+        gas = f"A = {plume.source_strength * scenario.vehicle.hover_time:g}"
     radius = "unlimited" if math.isinf(scenario.radio.radius) else f"{scenario.radio.radius:g} m"
     return (
-        f"{scenario.team.n_uavs} UAVs, A = {strength:g}, radio {radius}, "
-        f"{scenario.clock} clock, seeds {seeds[0]} to {seeds[-1]}"
+        f"{scenario.team.n_uavs} UAVs, {gas}, radio {radius}, {scenario.clock} clock, seeds {seeds[0]} to {seeds[-1]}"
     )
 
 

@@ -42,7 +42,7 @@ class GridBelief:
         self.size: FloatArray = np.asarray(area, dtype=np.float64) / counts  # (3,) m, sides of a cell
         self.x, self.y, self.z = (h * (np.arange(n) + 0.5) for h, n in zip(self.size, counts, strict=True))
         self.cell_variance: FloatArray = self.size**2 / 12.0  # (3,) m^2
-        self.models: FloatArray = np.zeros((n_beliefs, 6))  # see grid_kernels.update
+        self.models: FloatArray = np.zeros((n_beliefs, 7))  # see grid_kernels.update
         n_cells = math.prod(counts)
         self.log_posterior: FloatArray = np.empty((n_beliefs, n_cells))
         self.probability: FloatArray = np.empty((n_beliefs, n_cells))
@@ -63,7 +63,9 @@ class GridBelief:
         """Interpret the readings of the beliefs `rows` (all) by `model` from now on."""
         clamp = max(model.clamp_distance, CENTRE_DISTANCE * float(self.size.mean()))
         strength = model.strength * model.detection_probability
-        self.models[rows] = model.drift_x, model.drift_y, model.inverse_lambda, strength, clamp, model.background
+        self.models[rows] = (
+            model.drift_x, model.drift_y, model.inverse_lambda, strength, clamp, model.background, model.max_count
+        )  # fmt: skip
 
     def update(self, positions: FloatArray, readings: FloatArray, sampling_times: FloatArray) -> None:
         """Condition on M readings each: positions (B, M, 3) m, readings (B, M) hits, sampling_times (B, M) s.

@@ -12,11 +12,20 @@ import math
 import numpy as np
 from numba import njit
 
-from baselines.belief.likelihood import LEAST_MEAN, log
+from baselines.belief.likelihood import LEAST_MEAN, log, log_saturated
 from osl_env.numerics import exp
 from osl_env.parameters import FloatArray
 
 NEGLIGIBLE_EXPONENT = -37.0  # e**-37 = 1e-16: a rate this far below strength / clamp changes no double near 1
+
+
+@njit(inline="always", error_model="numpy")
+def _hits(
+    dx: float, crosswise: float, along: float, drift_x: float, inverse_lambda: float, scale: float, clamp: float
+) -> float:
+    """Mean hits at the offset dx, m, along x, for `crosswise` = dy^2 + dz^2, m^2, and `along` = dy drift_y."""
+    distance = max(math.sqrt(dx * dx + crosswise), clamp)
+    return scale / distance * exp(dx * drift_x + along - distance * inverse_lambda)
 
 
 @njit(cache=True, error_model="numpy")
@@ -46,17 +55,17 @@ def _add_reading(
             along = dy * drift_y
             out = row[cell : cell + n_x]
             cell += n_x
-            if reading > 0.0:
+            if reading >= model[6]:
                 for ix in range(n_x):
-                    dx = position[0] - xs[ix]
-                    distance = max(math.sqrt(dx * dx + crosswise), clamp)
-                    mean = scale / distance * exp(dx * drift_x + along - distance * inverse_lambda) + noise
+                    mean = noise + _hits(position[0] - xs[ix], crosswise, along, drift_x, inverse_lambda, scale, clamp)
+                    out[ix] += log_saturated(reading, max(mean, LEAST_MEAN))
+            elif reading > 0.0:
+                for ix in range(n_x):
+                    mean = noise + _hits(position[0] - xs[ix], crosswise, along, drift_x, inverse_lambda, scale, clamp)
                     out[ix] += reading * log(max(mean, LEAST_MEAN)) - mean
             elif ends + along - math.sqrt(crosswise) * inverse_lambda > NEGLIGIBLE_EXPONENT:
                 for ix in range(n_x):
-                    dx = position[0] - xs[ix]
-                    distance = max(math.sqrt(dx * dx + crosswise), clamp)
-                    out[ix] -= scale / distance * exp(dx * drift_x + along - distance * inverse_lambda)
+                    out[ix] -= _hits(position[0] - xs[ix], crosswise, along, drift_x, inverse_lambda, scale, clamp)
 
 
 @njit(inline="always", error_model="numpy")
@@ -121,8 +130,8 @@ def update(
     """Bayes' rule for M readings of each of B beliefs, in place, and normalisation.
 
     log_posterior, probability (B, cells); xs (n_x,), ys, zs: cell centres, m; positions (B, M, 3) m; readings (B, M)
-    hits; sampling_times (B, M) s, 0 or less for no reading; models (B, 6): drift V / (2 D) along x and y (1/m),
-    1 / lambda (1/m), strength a Q (m/s), clamp distance (m), false-positive rate (1/s).
+    hits; sampling_times (B, M) s, 0 or less for no reading; models (B, 7): drift V / (2 D) along x and y (1/m),
+    1 / lambda (1/m), strength a Q (m/s), clamp distance (m), false-positive rate (1/s), hits that saturate a reading.
     """
     for b in range(log_posterior.shape[0]):
         for m in range(readings.shape[1]):

@@ -5,10 +5,21 @@
 with R the hit rate at the UAV's position u for a source at o, `miss` the counter's miss probability, `false` its false
 positive rate and dt the sampling time. d = 0 is information: it counts like any other reading. A counter's dead time
 is not modelled (at the paper's rates it loses few hits). The wind is what the anemometer has said so far, on average.
+
+A sensor of concentration that reports counts (its `count_unit`; see `osl_env.sensors.concentration`) is interpreted by
+the same law: the advertised plume then is the equivalent rate plume, R = mean concentration / count_unit. That is right
+to second order where filaments pass independently; what lag, noise and threshold do to counts is not modelled. A count
+that is at the sensor's greatest, K = max_count, says only that there were as many or more:
+
+    p(K | o) = P(D >= K) = sum over d >= K of m^d / d! * exp(-m)
+
+Expectations over counts to come (`information`, `grid_information`) leave the saturation out: merging outcomes only
+loses information, so they are upper bounds.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -45,12 +56,21 @@ class HitModel(NamedTuple):
     clamp_distance: float  # m
     background: float  # false positives, 1/s
     detection_probability: float  # 1 - miss probability
+    max_count: float = math.inf  # hits, at which a reading saturates
 
 
 def hit_model(plume: Any, gas_sensor: Any, wind_velocity: FloatArray) -> HitModel:
-    """The model for hits of `gas_sensor` in `plume` and wind (3,) m/s. Raises InputError for a plume without hits."""
+    """The model for hits of `gas_sensor` in `plume` and wind (3,) m/s. Raises InputError where there are no hits."""
     if plume.measures != "hit_rate":
-        raise InputError(f"plume.measures = {plume.measures!r}: this policy's likelihood needs a plume of 'hit_rate'")
+        raise InputError(
+            f"plume.measures = {plume.measures!r}: this policy's likelihood needs a plume of 'hit_rate' (for a plume of"
+            " concentrations, an advertised_plume)"
+        )
+    if gas_sensor.reports != "hits":
+        raise InputError(
+            f"gas_sensor.kind = {gas_sensor.kind!r}: this policy's likelihood needs counts: a poisson_counter, or a"
+            " count_unit"
+        )
     east, north = float(wind_velocity[0]), float(wind_velocity[1])
     drift = plume.drift((east, north))
     return HitModel(
@@ -61,6 +81,7 @@ def hit_model(plume: Any, gas_sensor: Any, wind_velocity: FloatArray) -> HitMode
         clamp_distance=float(plume.clamp_distance),
         background=float(getattr(gas_sensor, "false_positive_rate", 0.0)),
         detection_probability=1.0 - float(getattr(gas_sensor, "miss_probability", 0.0)),
+        max_count=float(getattr(gas_sensor, "max_count", None) or math.inf),
     )
 
 
@@ -138,6 +159,30 @@ def hits_per_second(dx: float, dy: float, dz: float, model: HitModel) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def log_saturated(count: float, mean: float) -> float:
+    """ln( count! P(D >= count) ) of a Poisson D with `mean` > 0: the log likelihood of a saturated reading.
+
+    Times count!, as other readings leave out log d!: for a small mean both agree.
+    """
+    if mean < count + 1.0:  # count! P(D >= count) = m^count exp(-m) (1 + m / (count + 1) + ..): nothing cancels
+        total = term = 1.0
+        d = count
+        while term > 1e-17 * total:
+            d += 1.0
+            term *= mean / d
+            total += term
+        return count * math.log(mean) - mean + math.log(total)
+    log_factorial = math.lgamma(count + 1.0)
+    total, term, d = 1.0, 1.0, count - 1.0  # P(D < count), at most about a half, in terms of P(D = count - 1)
+    while d > 0.0 and term > 1e-17 * total:
+        term *= d / mean
+        total += term
+        d -= 1.0
+    below = math.exp((count - 1.0) * math.log(mean) - mean - math.lgamma(count)) * total
+    return log_factorial + math.log1p(-below)
+
+
+@njit(cache=True, error_model="numpy")
 def add_log_likelihood(
     x: FloatArray,
     y: FloatArray,
@@ -158,6 +203,11 @@ def add_log_likelihood(
         for n in range(x.shape[0]):
             mean = hits_per_second(ux - x[n], uy - y[n], uz - z[n], model) * sampling_time
             log_weight[n] -= power * mean
+        return
+    if hits >= model.max_count:
+        for n in range(x.shape[0]):
+            mean = hits_per_second(ux - x[n], uy - y[n], uz - z[n], model) * sampling_time
+            log_weight[n] += power * log_saturated(hits, max(mean, LEAST_MEAN))
         return
     for n in range(x.shape[0]):
         mean = hits_per_second(ux - x[n], uy - y[n], uz - z[n], model) * sampling_time

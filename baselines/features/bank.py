@@ -129,7 +129,7 @@ class FeatureBank:
         rows = np.empty((*self._shape, self.size), dtype=np.float32) if out is None else out
         for readings in self._readings.values():
             readings.gather(world, chosen)
-        flat = self._layout.flat(world, self._flat)
+        flat = self._layout.flat(world, self._flat)[..., : self._layout.flat_size - self._layout.n_rays]
         self._features.write((world.motion, world.senses, world.episode), flat, chosen, rows)
         return rows
 
@@ -145,7 +145,9 @@ class SoloFeatures:
             spec, briefing.area, briefing.plume, briefing.gas_sensor, briefing.success_radius, self._readings
         )
         self.spec, self.size = spec, self._features.size
-        self._row = FlatRow(briefing.area, briefing.speed, briefing.energy_capacity, briefing.time_limit)
+        self._row = FlatRow(
+            briefing.area, briefing.speed, briefing.energy_capacity, briefing.time_limit, briefing.gas_sensor.scale
+        )
         self._motion: StateArray = np.zeros((1, 1), MOTION)
         self._senses: StateArray = np.zeros((1, 1), SENSES)
         self._episode: StateArray = np.zeros(1, EPISODE)

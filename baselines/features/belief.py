@@ -133,7 +133,7 @@ class BeliefBank:
         self._area = np.array(area, dtype=np.float64)
         self._plume = np.array([
             model.strength, plume.diffusivity, plume.lifetime, model.clamp_distance, model.background,
-            model.detection_probability,
+            model.detection_probability, model.max_count,
         ])  # fmt: skip
         self._prior = prior(feature.particles, self._area)
         self._prior_moments = np.zeros(MOMENTS)

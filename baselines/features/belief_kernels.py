@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from baselines.belief.gaussian_fit import triangular_root
-from baselines.belief.likelihood import log
+from baselines.belief.likelihood import LEAST_MEAN, log, log_saturated
 from osl_env.numerics import GAMMA, mix
 from osl_env.parameters import FloatArray
 from osl_env.state import IntArray, StateArray
@@ -30,7 +30,7 @@ Float32Array = NDArray[np.float32]
 ROWS = 5  # of a cloud: x, y, z (m), log weight, weight
 X, Y, Z, LOG_WEIGHT, WEIGHT = range(ROWS)
 MOMENTS = 12  # mean (3), m, and covariance (9), m^2
-STRENGTH, DIFFUSIVITY, LIFETIME, CLAMP, BACKGROUND, DETECTION = range(6)  # of the advertised plume and sensor
+STRENGTH, DIFFUSIVITY, LIFETIME, CLAMP, BACKGROUND, DETECTION, MAX_COUNT = range(7)  # of plume and sensor
 WINDS, EAST, NORTH, HITS, LAST_HIT = range(5)  # of what a listener remembers
 MEMORY = 5
 MASS = 1 << 24  # a belief of 1 as an integer: sums of integers vectorise, and do not depend on their order
@@ -88,6 +88,13 @@ def _weigh(cloud: Any, reading: Any, memory: Any, plume: Any) -> None:
     scale = np.float32(plume[STRENGTH] * plume[DETECTION] * reading[4])  # hits m
     background = np.float32(plume[BACKGROUND] * reading[4])  # hits
     x, y, z, log_weight = cloud[X], cloud[Y], cloud[Z], cloud[LOG_WEIGHT]
+    if hits >= plume[MAX_COUNT]:
+        for n in range(x.size):
+            dx, dy, dz = ux - x[n], uy - y[n], uz - z[n]
+            distance = max(np.float32(math.sqrt(dx * dx + dy * dy + dz * dz)), clamp)
+            mean = scale / distance * exp32(dx * drift_x + dy * drift_y - distance * inverse_lambda) + background
+            log_weight[n] += np.float32(log_saturated(hits, max(np.float64(mean), LEAST_MEAN)))
+        return
     for n in range(x.size):
         dx, dy, dz = ux - x[n], uy - y[n], uz - z[n]
         distance = max(np.float32(math.sqrt(dx * dx + dy * dy + dz * dz)), clamp)

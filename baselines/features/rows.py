@@ -1,7 +1,8 @@
 """The environment's flat observation as a feature: from a world's state, or from one UAV's Observation.
 
 Both forms are the same numbers bit for bit: the flat vector of `osl_env.observation` is written in single precision,
-and so it is here. The table of neighbours comes last in it, nearest first, so that it can be cut or padded.
+and so it is here. The table of neighbours comes last in it, nearest first, so that it can be cut or padded: what range
+sensors see is left out.
 """
 
 from __future__ import annotations
@@ -56,8 +57,10 @@ def write_team(
 class FlatRow:
     """Makes the flat observation of one UAV from its Observation and what it was told before take-off."""
 
-    def __init__(self, area: FloatArray, speed: float, energy_capacity: float, time_limit: float) -> None:
-        """Area in m, greatest speed in m/s, battery in J, time limit in s."""
+    def __init__(
+        self, area: FloatArray, speed: float, energy_capacity: float, time_limit: float, reading_scale: float
+    ) -> None:
+        """Area in m, greatest speed in m/s, battery in J, time limit in s, the gas sensor's typical reading."""
         told = Scenario.model_validate({
             "arena": Arena(size=(float(area[0]), float(area[1]), float(area[2]))),
             "team": Team(n_uavs=2, starts=((0.0, 0.0, 0.0),) * 2),
@@ -66,7 +69,7 @@ class FlatRow:
             "energy": {"capacity": energy_capacity},
             "ending": {"time_limit": time_limit},
         })  # fmt: skip
-        layout = ObservationLayout(told)
+        layout = ObservationLayout(told, reading_scale)
         columns = []
         for field in layout.fields:
             if field.normalised == "no":

@@ -7,7 +7,7 @@ Information-driven (Col-Inf, Col-PF): the neighbour with the greatest expected e
 steps. Adap-PP: the direction with the greatest W - E[W'], W = D + h1 H (eqs 21 to 25), h1 = `spread_weight` sqrt(tr
 Sigma); W itself is the same for all. Then the length with the least R(l) = D(l) + h2 Z(l) (eqs 27, 28), up to l_max:
 that of the briefing, or from zeta (eq 26), the share of the area where the advertised plume of a source at its centre
-gives more than `zeta_threshold` hits a second.
+gives more than `zeta_threshold` hits a second. Hops that an obstacle blocks are no candidates.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from baselines.belief.likelihood import HitModel
 from baselines.belief.particle_filter import ParticleBelief
 from baselines.muc_osl.planning_kernels import STAY, adaptive_leg, best_direction
+from baselines.passage import Passage
 from baselines.policy import Briefing
 from osl_env.actions import HOP_DIRECTIONS, Hop, Hover, Waypoint
 from osl_env.parameters import FloatArray, Parameters, quantity
@@ -52,7 +53,7 @@ class AdaptivePlannerParameters(PlannerParameters):
 class InformationPlanner:
     """Planner: the greatest expected entropy reduction, with a fixed step."""
 
-    __slots__ = ("_area", "_cumulative", "_hop", "_hovering", "_length", "_sampling_time")
+    __slots__ = ("_area", "_cumulative", "_hop", "_hovering", "_length", "_passage", "_sampling_time")
 
     def __init__(self, parameters: InformationPlannerParameters, briefing: Briefing) -> None:
         self._length = min(parameters.hop_length, briefing.hop_lengths)
@@ -60,6 +61,7 @@ class InformationPlanner:
         self._hovering, self._cumulative = parameters.hovering, parameters.cumulative
         self._sampling_time = briefing.hover_time
         self._area = np.array(briefing.area, dtype=np.float64)
+        self._passage = Passage(briefing)
 
     def choose(self, belief: ParticleBelief, position: FloatArray, model: HitModel) -> Hop | Hover:
         """The next leg from `position` (3,), m."""
@@ -75,6 +77,7 @@ class InformationPlanner:
             0.0,
             self._area,
             belief.random,
+            self._passage.reach(position, self._hop),
         )
         return Hover() if direction == STAY else Hop(direction, self._length)
 
@@ -90,6 +93,7 @@ class AdaptivePlanner:
         "_hop_lengths",
         "_hovering",
         "_longest",
+        "_passage",
         "_revisit_weight",
         "_sampling_time",
         "_spread_weight",
@@ -101,6 +105,7 @@ class AdaptivePlanner:
         self._hovering, self._cumulative = parameters.hovering, parameters.cumulative
         self._spread_weight, self._revisit_weight = parameters.spread_weight, parameters.revisit_weight
         self._area = np.array(briefing.area, dtype=np.float64)
+        self._passage = Passage(briefing)
         self._longest = self._hop_lengths = briefing.hop_lengths
         if parameters.step == "from_zeta":
             self._longest = length_from_zeta(plume_share(briefing, parameters.zeta_threshold))
@@ -123,6 +128,7 @@ class AdaptivePlanner:
             self._revisit_weight,
             self._area,
             belief.random,
+            self._passage.reach(position, self._hop, self._longest),
         )
         self._remember(position)
         if direction == STAY:

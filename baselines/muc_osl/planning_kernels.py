@@ -63,17 +63,19 @@ def best_direction(
     distance_weight: float,
     area: FloatArray,
     random: NDArray[np.uint64],
+    reach: NDArray[np.int64],
 ) -> int:
     """The direction with the greatest information_weight * (H - E[H']) - distance_weight * E[D'], or `STAY`.
 
-    Candidates are `hop` m (times 1, sqrt 2 or sqrt 3) from `position` (3,), m, and inside the area; staying is one with
-    `hovering`, or where nothing else is left. Ties, as in a cloud that has collapsed, are broken at random.
+    Candidates are `hop` m (times 1, sqrt 2 or sqrt 3) from `position` (3,), m, inside the area, and not behind an
+    obstacle (`reach` (27,): hops until there is one); staying is one with `hovering`, or where nothing else is left.
+    Ties, as in a cloud that has collapsed, are broken at random.
     """
     candidates, kept = np.empty((STAY + 1, 3)), np.empty(STAY + 1, np.int64)
     count = 0
     for k in range(STAY + 1):
         x, y, z = place(position, k, hop)
-        if is_inside(x, y, z, area) and (k < STAY or hovering):
+        if is_inside(x, y, z, area) and (k < STAY or hovering) and reach[k] > 0:
             candidates[count, 0], candidates[count, 1], candidates[count, 2] = x, y, z
             kept[count] = k
             count += 1
@@ -141,12 +143,18 @@ def adaptive_leg(
     revisit_weight: float,
     area: FloatArray,
     random: NDArray[np.uint64],
+    reach: NDArray[np.int64],
 ) -> tuple[int, int]:
-    """Direction and length of an Adap-PP leg (eqs 21 to 28), with h1 = `spread_weight` * sqrt(tr Sigma)."""
+    """Direction and length of an Adap-PP leg (eqs 21 to 28), with h1 = `spread_weight` * sqrt(tr Sigma).
+
+    `reach` (27,): how many hops there are in each direction until an obstacle is in the way.
+    """
     spread = math.sqrt(max(gaussian[3] + gaussian[7] + gaussian[11], 0.0))
     h1 = spread_weight * spread
-    direction = best_direction(cloud, position, hop, hovering, sampling_time, model, cumulative, h1, 1.0, area, random)
+    direction = best_direction(
+        cloud, position, hop, hovering, sampling_time, model, cumulative, h1, 1.0, area, random, reach
+    )
     if direction == STAY:
         return direction, 0
-    mean = gaussian[:3]
+    mean, longest = gaussian[:3], min(longest, reach[direction])
     return direction, best_length(position, direction, hop, longest, mean, history, revisit_weight, area)

@@ -18,10 +18,12 @@ from pydantic import PrivateAttr, ValidationError
 from baselines.belief.likelihood import ReadingTable
 from baselines.learned.checkpoint import Checkpoint, ObservationDefinition
 from baselines.learned.network import Architecture, Network
+from baselines.passage import Passage
 from baselines.policy import Belief, Briefing, Policy
 from baselines.search_agent.candidates import N_CANDIDATES
 from baselines.search_agent.crew import Crew, SearchView, definition_hash
 from baselines.search_agent.levers import MACRO_BEATS, N_LEVERS, N_SITUATION
+from baselines.search_agent.sight import plan_leg
 from osl_env.actions import Action, Waypoint
 from osl_env.errors import InputError
 from osl_env.observation import Observation
@@ -99,7 +101,7 @@ class _Flight:
         self.crew.mates["known"] = False
         self.crew.mates["known"][0, briefing.uav] = True
         self.heard_at = np.full(briefing.n_uavs, -np.inf)  # s, mission clock
-        self.readings = ReadingTable()
+        self.readings, self.passage = ReadingTable(), Passage(briefing)
         self.rng = generator(briefing.seed, Purpose.POLICY)
         self.beats = 0  # since the take-off
         self.declared: FloatArray | None = None
@@ -145,7 +147,16 @@ class _Flight:
                 crew.decide(uav)
                 self.bits += float(_NUMBER_BITS * N_CANDIDATES * brain.view.places)
         own = crew.mates[0, self.uav]
+        if self.passage.obstructed:
+            self._go_around(own)
         return Waypoint(own["place"].copy(), max(round(float(own["seconds"] / crew.settings["sample"][0])), 1))
+
+    def _go_around(self, own: Any) -> None:
+        """Let the planned leg go towards the first place on the way to the goal, if an obstacle is in the way."""
+        crew, position = self.crew, own["position"].copy()
+        via = self.passage.towards(position, own["goal"].copy())
+        samples, _ = plan_leg(position, own["heading"], via, crew.settings[0], own["place"])
+        own["seconds"] = samples * crew.settings["sample"][0]
 
 
 class SearchPilot(Policy):

@@ -43,7 +43,7 @@ def squash(x: float, scale: float) -> float:
     return x / (abs(x) + scale)
 
 
-@njit(error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def plan_leg(own: Any, heading: Any, goal: Any, s: Any, place: Any) -> tuple[int, bool]:
     """One leg towards `goal` under the setting `s`: its end in `place` (3,), m; (samples there, whether it turns)."""
     dx, dy, dz = goal[0] - own[0], goal[1] - own[1], goal[2] - own[2]

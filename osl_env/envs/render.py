@@ -1,12 +1,13 @@
 """Pictures of an episode with matplotlib: the plume, the UAVs' tracks coloured by their readings, the source, a belief.
 
-The plume is shown by two slices through the first source, as shades of log10 of the mean hit rate: the horizontal one
-lies on the floor, the vertical one along the far wall. This is for people to look at: it shows the source, which no
-observation does.
+The plume is shown by two slices through the first source, as shades of log10 of the present hit rate or concentration:
+the horizontal one lies on the floor, the vertical one along the far wall. This is for people to look at: it shows the
+source, which no observation does.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LOG_RATE_SHOWN = (-3.0, 0.5)  # decades of the hit rate, 1/s, that the slices shade
+_DECADES_SHOWN = 3.0  # of a concentration, below its largest value in the horizontal slice
 _SLICE_POINTS = 60  # along the longer side
 _SOURCE_COLOUR = "#d62728"
 
@@ -61,6 +63,7 @@ class TrackRecorder:
         axes.set_box_aspect(area, zoom=1.08)
         axes.view_init(elev=28, azim=-58)
         self._draw_plume(axes, figure)
+        self._draw_obstacles(axes)
         self._draw_wind(axes)
         if particles is not None:
             axes.scatter(*particles.T, s=4, c="#555555", alpha=0.5, label="particles", zorder=3)
@@ -80,27 +83,37 @@ class TrackRecorder:
         places = np.empty((points, points, 3))
         places[:] = self.world.source_position[self.env, 0]
         places[..., first], places[..., second] = u, v
-        rate = self.world.scenario.plume.field(
-            places,
-            self.world.source_position[self.env],
-            self.world.source_strength[self.env],
-            self.world.episode["wind"][self.env],
-        )
-        low, high = _LOG_RATE_SHOWN
-        return u, v, np.clip(np.log10(np.maximum(rate, 1e-12)), low, high)
+        rate = self.world.concentration(self.env, places)
+        return u, v, np.log10(np.maximum(rate, 1e-12))
 
     def _draw_plume(self, axes: Any, figure: Figure) -> None:
-        low, high = _LOG_RATE_SHOWN
-        levels = np.linspace(low, high, 15)
-        style = {"levels": levels, "cmap": "YlOrBr", "alpha": 0.75, "zorder": 0}
         x, y, floor = self._slice(0, 1)
-        shades = axes.contourf(x, y, np.where(floor > low, floor, np.nan), zdir="z", offset=0, **style)
+        plume = self.world.scenario.plume
+        low, high = _LOG_RATE_SHOWN
+        if plume.measures == "concentration":
+            high = max(float(floor.max()), -9.0)
+            low = high - _DECADES_SHOWN
+        style = {"levels": np.linspace(low, high, 15), "cmap": "YlOrBr", "alpha": 0.75, "zorder": 0}
+
+        def shown(values: FloatArray) -> FloatArray:
+            return np.where(values > low, np.minimum(values, high), np.nan)
+
+        shades = axes.contourf(x, y, shown(floor), zdir="z", offset=0, **style)
         x, z, wall = self._slice(0, 2)
-        axes.contourf(
-            x, np.where(wall > low, wall, np.nan), z, zdir="y", offset=self.world.scenario.arena.size[1], **style
-        )
-        bar = figure.colorbar(shades, cax=figure.add_axes((0.91, 0.2, 0.015, 0.5)), ticks=[-3, -2, -1, 0])
-        bar.set_label("log10 of the mean hit rate (1/s)", fontsize=8)
+        axes.contourf(x, shown(wall), z, zdir="y", offset=self.world.scenario.arena.size[1], **style)
+        ticks = np.arange(math.ceil(low), math.floor(high) + 1)
+        bar = figure.colorbar(shades, cax=figure.add_axes((0.91, 0.2, 0.015, 0.5)), ticks=ticks)
+        quantity = "mean hit rate" if plume.measures == "hit_rate" else "concentration"
+        bar.set_label(f"log10 of the {quantity} ({plume.unit})", fontsize=8)
+
+    def _draw_obstacles(self, axes: Any) -> None:
+        geometry = self.world.scenario.arena.geometry
+        for x0, y0, z0, x1, y1, z1 in geometry.boxes:
+            axes.bar3d(x0, y0, z0, x1 - x0, y1 - y0, z1 - z0, color="#888888", alpha=0.5, zorder=2)
+        for x, y, radius, bottom, top in geometry.cylinders:
+            angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 25), [bottom, top])
+            ring = x + radius * np.cos(angle), y + radius * np.sin(angle)
+            axes.plot_surface(*ring, height, color="#888888", alpha=0.5, zorder=2)
 
     def _draw_wind(self, axes: Any) -> None:
         wind = self.world.episode["wind"][self.env]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from osl_env.agent_actions import BOX_SIZES, box_declares, box_velocities, box_waypoints, n_hop_actions
 from osl_env.errors import InputError
+from osl_env.flying import mask_blocked_hops
 from osl_env.observation import Observation, ObservationLayout
 from osl_env.parameters import FloatArray
 from osl_env.scenario import Scenario
@@ -104,12 +105,17 @@ class ActionTranslator:
         self.world.step_waypoints(targets, samples, places)
 
     def masks(self) -> NDArray[np.bool_]:
-        """Which hops end inside the area: (n_envs, n_uavs, n_actions) bool; hovering and declaring always may."""
+        """Which hops end inside the area and meet no obstacle: (n_envs, n_uavs, n_actions) bool; hovering and declaring
+        always may.
+        """
         if self.mode != "hop":
             raise InputError(f"action masks: only for action 'hop', not {self.mode!r}")
         offsets = self.world.hop_offsets
         ends = self.world.motion["position"][..., None, :] + offsets
-        inside = ((ends >= 0.0) & (ends <= self._area)).all(axis=-1)
+        inside: NDArray[np.bool_] = np.asarray(((ends >= 0.0) & (ends <= self._area)).all(axis=-1))
+        arena = self.world.scenario.arena
+        if arena.obstructed:
+            mask_blocked_hops(self.world.motion, arena.geometry, offsets[:-1], inside)
         return np.concatenate([inside, np.ones((*inside.shape[:2], 1), np.bool_)], axis=-1)
 
 

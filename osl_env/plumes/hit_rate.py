@@ -13,15 +13,15 @@ presets). |u - s| is clamped from below at `clamp_distance` in both factors, whe
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numba import njit
 
 from osl_env.numerics import exp
 from osl_env.parameters import FloatArray, quantity
-from osl_env.plumes.base import PlumeModel
-from osl_env.state import StateArray
+from osl_env.plumes.base import PlumeModel, Scene
+from osl_env.state import BoolArray
 
 _BLOCK = 256  # UAVs whose rates are computed together
 
@@ -74,10 +74,10 @@ def _field(
 
 @njit(cache=True, error_model="numpy")
 def _read(
-    motion: StateArray,
+    positions: FloatArray,
     sources: FloatArray,
     strengths: FloatArray,
-    episode: StateArray,
+    winds: FloatArray,
     source_strength: float,
     diffusivity: float,
     lifetime: float,
@@ -85,9 +85,9 @@ def _read(
     out: FloatArray,
 ) -> None:
     """Hit rates in blocks of UAVs: offsets are gathered into contiguous rows, over which eq 1 vectorises."""
-    n_uavs = motion.shape[1]
-    n = motion.shape[0] * n_uavs
-    all_rates, all_motion = out.reshape(-1), motion.reshape(-1)
+    n_uavs = positions.shape[1]
+    n = positions.shape[0] * n_uavs
+    all_rates = out.reshape(-1)
     widest = min(_BLOCK, n)
     offset = np.empty((3, widest))
     wind = np.empty((2, widest))
@@ -95,17 +95,15 @@ def _read(
     half, growth, decay = 0.5 / diffusivity, lifetime / (4.0 * diffusivity), 1.0 / (diffusivity * lifetime)
     for start in range(0, n, _BLOCK):
         size = min(_BLOCK, n - start)
-        rates = all_rates[start : start + size]  # slices: an index that begins at 0 lets LLVM vectorise
-        block = all_motion[start : start + size]
+        rates = all_rates[start : start + size]  # a slice: an index that begins at 0 lets LLVM vectorise
         rates[:] = 0.0
         for s in range(sources.shape[1]):
             e, i = start // n_uavs, start % n_uavs
             for k in range(size):
-                position = block[k].position
-                offset[0, k] = position[0] - sources[e, s, 0]
-                offset[1, k] = position[1] - sources[e, s, 1]
-                offset[2, k] = position[2] - sources[e, s, 2]
-                wind[0, k], wind[1, k] = episode[e].wind[0], episode[e].wind[1]
+                offset[0, k] = positions[e, i, 0] - sources[e, s, 0]
+                offset[1, k] = positions[e, i, 1] - sources[e, s, 1]
+                offset[2, k] = positions[e, i, 2] - sources[e, s, 2]
+                wind[0, k], wind[1, k] = winds[e, 0], winds[e, 1]
                 strength[k] = source_strength * strengths[e, s]
                 i += 1
                 if i == n_uavs:
@@ -136,6 +134,16 @@ class HitRatePlume(PlumeModel):
     lifetime: float = quantity(100.0, "s", gt=0)  # tau, of a parcel
     clamp_distance: float = quantity(0.5, "m", gt=0)  # |u - s| is at least this
 
+    @property
+    def unit(self) -> str:
+        """Of a hit rate."""
+        return "1/s"
+
+    @property
+    def summary(self) -> str:
+        """a Q, D and lifetime."""
+        return f"a Q = {self.source_strength:g} m/s, D = {self.diffusivity:g} m²/s, lifetime {self.lifetime:g} s"
+
     def drift(self, wind_velocity: FloatArray) -> FloatArray:
         """V / (2 D), 1/m, for wind (..., 3) m/s; shape (..., 3)."""
         return np.asarray(wind_velocity, dtype=np.float64) / (2.0 * self.diffusivity)
@@ -146,7 +154,10 @@ class HitRatePlume(PlumeModel):
         return math.sqrt(growth / (self.diffusivity * self.lifetime))
 
     def field(self, positions: FloatArray, sources: FloatArray, strengths: FloatArray, wind: FloatArray) -> FloatArray:
-        """Mean hit rate, 1/s, at `positions` (m, 3); see `PlumeModel.field`. Vertical wind is ignored."""
+        """Mean hit rate, 1/s, at `positions` (.., 3) m; shape (..). Vertical wind is ignored.
+
+        From `sources` (n, 3) m with relative `strengths` (n,), in uniform `wind` (3,) m/s.
+        """
         points = np.ascontiguousarray(positions, dtype=np.float64).reshape(-1, 3)
         out = np.empty(len(points))
         drift_x, drift_y, _ = self.drift(wind)
@@ -156,23 +167,20 @@ class HitRatePlume(PlumeModel):
         _field(points, sources, scaled, drift_x, drift_y, inverse_lambda, self.clamp_distance, out)
         return out.reshape(np.shape(positions)[:-1])
 
-    def read(
-        self,
-        motion: StateArray,
-        sources: FloatArray,
-        strengths: FloatArray,
-        episode: StateArray,
-        out: FloatArray,
-    ) -> None:
-        """Mean hit rate, 1/s, at every UAV, into `out` (n_envs, n_uavs); see `PlumeModel.read`."""
+    def read(self, state: Any, scene: Scene, positions: FloatArray, due: BoolArray, out: FloatArray) -> None:
+        """Mean hit rate, 1/s, at `positions`, into `out`; see `PlumeModel.read`. All worlds are read at once."""
         _read(
-            motion,
-            sources,
-            strengths,
-            episode,
+            positions,
+            scene.sources,
+            scene.strengths,
+            scene.air.mean,
             self.source_strength,
             self.diffusivity,
             self.lifetime,
             self.clamp_distance,
             out,
         )
+
+    def at(self, state: Any, scene: Scene, env: int, points: FloatArray) -> FloatArray:
+        """The mean hit rate, 1/s, of world `env` at `points` (.., 3) m."""
+        return self.field(points, scene.sources[env], scene.strengths[env], scene.air.mean[env])

@@ -4,7 +4,8 @@ A leg is: turn by any angle if its direction differs from the last flight's, fly
 barrier clock the step ends when the slowest UAV is done and the others wait, hovering; on the event clock it ends
 with the next UAV that is done. Flight time with acceleration a and top speed v from rest to rest over d: d / v + v /
 a, or 2 sqrt(d / a) if the top speed is not reached; with infinite acceleration d / v. If the battery does not last,
-the leg is cut at the moment it is empty.
+the leg is cut at the moment it is empty. A UAV that is lost (its battery is empty, or it has run into an obstacle where
+that ends its flight) takes no more samples.
 """
 
 from __future__ import annotations
@@ -16,13 +17,20 @@ import numpy as np
 from numba import njit
 
 from osl_env.actions import HOP_DIRECTIONS
+from osl_env.geometry import flight_share
 from osl_env.parameters import FloatArray
-from osl_env.state import FLYING, HOVERING, TURNING, WAITING
+from osl_env.state import END, FLYING, HOVERING, TURNING, WAITING
 from osl_env.vehicles.base import Vehicle
 
 _SAME_DIRECTION = 1.0 - 1e-9  # cosine above which a leg needs no turn
 SAME_PLACE = 1e-9  # m, legs shorter than this hover
 _SAME_TIME = 1e-9  # s, legs that end within this of the clock end together
+
+
+@njit(inline="always", error_model="numpy")
+def is_lost(motion: Any, constants: Any) -> bool:
+    """Whether the UAV's flight is over: its battery is empty, or it has collided under the rule `end`."""
+    return bool(motion.exhausted or (motion.collided and constants.collision == END))
 
 
 @njit(inline="always", error_model="numpy")
@@ -48,6 +56,7 @@ def _cut_by_battery(motion: Any, remaining: float, constants: Any) -> None:
             motion.target[axis] = motion.position[axis] + share * (motion.target[axis] - motion.position[axis])
         motion.leg_flight *= share
         motion.leg_path *= share
+        motion.collided = motion.collided and share == 1.0  # else it never gets there
         remaining -= motion.leg_flight * constants.flying_power
     if constants.hovering_power > 0.0:
         motion.leg_hover = min(motion.leg_hover, max(0.0, remaining / constants.hovering_power))
@@ -66,8 +75,12 @@ def begin_leg(
     duration: float,
     samples: int,
 ) -> None:
-    """Plan one UAV's leg: `distance` m in `duration` s along the unit vector (x, y, z); 0 m hovers."""
-    heading = motion.heading
+    """Plan one UAV's leg: `distance` m in `duration` s along the unit vector (x, y, z); 0 m hovers.
+
+    Its end `motion.target` and whether it ends at an obstacle, `motion.collided`, are set before.
+    """
+    origin, position, heading = motion.origin, motion.position, motion.heading
+    origin[0], origin[1], origin[2] = position[0], position[1], position[2]
     motion.turns = 0
     motion.leg_turn = 0.0
     motion.leg_flight = duration
@@ -79,6 +92,8 @@ def begin_leg(
             motion.turns = 1
             motion.leg_turn = constants.turn_time
         heading[0], heading[1], heading[2] = x, y, z
+    if motion.collided and constants.collision == END:
+        samples = 0
     motion.samples = samples
     motion.leg_hover = samples * constants.hover_time
     cost = (
@@ -123,6 +138,7 @@ def complete_leg(motion: Any, ledger: Any, constants: Any) -> None:
     ledger.turns += motion.turns
     ledger.flights += 1 if motion.leg_path > 0.0 else 0
     ledger.hovers += 1 if motion.samples > 0 else 0
+    ledger.collisions += 1 if motion.collided else 0
     ledger.decisions += 1
     motion.ready = True
 
@@ -151,7 +167,7 @@ def wait_for_slowest(motion: Any, ledger: Any, episode: Any, constants: Any, e: 
     for i in range(motion.shape[1]):
         m = motion[e, i]
         if m.active:
-            _wait(m, ledger[e, i], constants, 0.0 if m.exhausted else clock - m.leg_end)
+            _wait(m, ledger[e, i], constants, 0.0 if is_lost(m, constants) else clock - m.leg_end)
     episode[e].clock = clock
 
 
@@ -208,5 +224,25 @@ def hop_inside(position: Any, area: Any, table: Any, action: int, hop_lengths: i
     shortest = action - action % hop_lengths
     for shorter in range(action - 1, shortest - 1, -1):
         if _ends_inside(position, area, table, shorter):
+            return shorter
+    return hover
+
+
+@njit(error_model="numpy")
+def is_clear_hop(geometry: Any, position: Any, table: Any, action: int) -> bool:
+    """Whether the flight of a hop from `position` (3,), m, meets no obstacle."""
+    x, y, z = position[0], position[1], position[2]
+    u, v, w = x + table[action, 0], y + table[action, 1], z + table[action, 2]
+    return bool(flight_share(geometry, x, y, z, u, v, w)[0] >= 1.0)
+
+
+@njit(error_model="numpy")
+def clear_hop(geometry: Any, position: Any, table: Any, action: int, hop_lengths: int, hover: int) -> int:
+    """The hop itself if it meets no obstacle, else the longest one in its direction that does not, else hovering."""
+    if action >= hover:
+        return hover
+    shortest = action - action % hop_lengths
+    for shorter in range(action, shortest - 1, -1):
+        if is_clear_hop(geometry, position, table, shorter):
             return shorter
     return hover

@@ -30,6 +30,7 @@ from osl_env.world import World
 
 SCENARIO = load_scenario("rate-60x60x30")
 AREA = np.array(SCENARIO.arena.size, dtype=np.float64)
+OPEN = np.ones(STAY + 1, np.int64)  # no obstacle is in the way of a hop
 MODEL = hit_model(HitRatePlume(), PoissonCounter(), np.array([0.0, -1.0, 0.0]))
 COMPOSITIONS = {
     "muc-osl": (ColPF, AdaptivePlanner),
@@ -322,11 +323,11 @@ def test_legs_stay_in_the_area() -> None:
     corner, random = np.zeros(3), np.array([1], dtype=np.uint64)
     cloud = ParticleBelief(40, AREA, seed=1).cloud
     for _ in range(20):
-        k = best_direction(cloud, corner, 1.0, False, 1.0, MODEL, 0.999, 1.0, 0.0, AREA, random)
+        k = best_direction(cloud, corner, 1.0, False, 1.0, MODEL, 0.999, 1.0, 0.0, AREA, random, OPEN)
         assert min(HOP_DIRECTIONS[k]) >= 0.0
     up = 25
     assert best_length(AREA - 2.0, up, 1.0, 6, AREA, np.empty((0, 3)), 1.0, AREA) == 2
-    nowhere = best_direction(cloud, corner, 500.0, False, 1.0, MODEL, 0.999, 1.0, 0.0, AREA, random)
+    nowhere = best_direction(cloud, corner, 500.0, False, 1.0, MODEL, 0.999, 1.0, 0.0, AREA, random, OPEN)
     assert nowhere == STAY
     assert place(corner, up, 2.0) == (2.0, 2.0, 2.0)
 
@@ -336,7 +337,9 @@ def test_a_collapsed_cloud_gives_no_preference() -> None:
     cloud = ParticleBelief(30, AREA, seed=1).cloud
     cloud[:3] = np.array([[40.0], [40.0], [20.0]])
     random, centre = np.array([1], dtype=np.uint64), np.array([20.0, 20.0, 10.0])
-    chosen = {best_direction(cloud, centre, 1.0, False, 1.0, MODEL, 0.999, 1.0, 0.0, AREA, random) for _ in range(200)}
+    chosen = {
+        best_direction(cloud, centre, 1.0, False, 1.0, MODEL, 0.999, 1.0, 0.0, AREA, random, OPEN) for _ in range(200)
+    }
     assert len(chosen) > 20
 
 
@@ -344,7 +347,7 @@ def test_adaptive_planner_goes_to_a_certain_estimate() -> None:
     cloud = ParticleBelief(30, AREA, seed=1).cloud
     cloud[:3] = np.array([[40.0], [20.0], [10.0]])
     random, centre = np.array([1], dtype=np.uint64), np.array([20.0, 20.0, 10.0])
-    k = best_direction(cloud, centre, 1.0, False, 1.0, MODEL, 0.999, 0.0, 1.0, AREA, random)
+    k = best_direction(cloud, centre, 1.0, False, 1.0, MODEL, 0.999, 0.0, 1.0, AREA, random, OPEN)
     assert HOP_DIRECTIONS[k].tolist() == [1.0, 0.0, 0.0]
 
 

@@ -9,6 +9,7 @@ from worlds import begun, differences, fly
 import osl_env
 from osl_env import load_scenario, scenario_names
 from osl_env.configuration import config_folder
+from osl_env.plumes.hit_rate import HitRatePlume
 
 NAMES = scenario_names()
 
@@ -48,15 +49,23 @@ def test_presets_fly(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name in NAMES if name.endswith("-random")])
 def test_random_presets_draw_sources_at_their_distance_and_winds_of_the_same_speed(name: str) -> None:
     scenario, fixed = load_scenario(name), load_scenario(name.removesuffix("-random"))
-    world = begun(scenario, list(range(300)))
+    # places and winds are drawn before the plume develops, and do not hang on it
+    world = begun(scenario.override(plume=HitRatePlume().model_dump(), gas_sensor={"kind": "poisson_counter"}),
+                  list(range(300)))  # fmt: skip
     places = world.source_position
     gaps = np.linalg.norm(places[:, :, None] - world.motion["position"][:, None], axis=-1)
     assert gaps.min() >= scenario.sources.minimum_distance
-    assert len(np.unique(places[:, 0, 0])) > 290
-    # uniform in the area but for the balls around the starts: the mean is within 15 % of a side of the middle
-    middle = places[:, 0].mean(axis=0) / np.array(scenario.arena.size)
-    assert np.all(np.abs(middle - 0.5) < 0.15)
-    np.testing.assert_allclose(np.linalg.norm(world.episode["wind"], axis=1), fixed.wind.speed)
+    assert len(np.unique(places[:, 0], axis=0)) > 290
+    assert scenario.sources.region is not None
+    low, high = np.array(scenario.sources.region)
+    assert np.all((places >= low) & (places <= high))
+    assert all(scenario.arena.is_free(place) for place in places[:, 0])
+    # uniform in the region but for the balls around the starts and the obstacles: the mean is near its middle
+    middle = (places[:, 0].mean(axis=0) - low) / np.where(high > low, high - low, 1.0)
+    assert np.all((np.abs(middle - 0.5) < 0.15) | (high == low))
+    winds = world.episode["wind"]
+    if scenario.wind.uniform and not scenario.wind.changes:
+        np.testing.assert_allclose(np.linalg.norm(winds, axis=1), fixed.wind.speed)
     assert scenario.arena == fixed.arena
 
 

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from worlds import begun, small
 
+from osl_env.air import uniform_air
+from osl_env.geometry import open_air
 from osl_env.parameters import FloatArray
+from osl_env.plumes.base import Scene
 from osl_env.plumes.hit_rate import HitRatePlume
-from osl_env.state import EPISODE, MOTION
+from osl_env.state import MOTION
 
 PLUME = HitRatePlume(source_strength=2.5, diffusivity=1.3, lifetime=80.0)
 SOURCE = np.array([[40.0, 30.0, 12.0]])
@@ -142,14 +145,16 @@ def test_field_keeps_the_shape_of_its_places() -> None:
 def test_batched_reading_is_the_field(n_envs: int, n_uavs: int, n_sources: int) -> None:
     """Also over the boundaries of the kernel's blocks, with a wind and sources of each world's own."""
     rng = np.random.default_rng(5)
-    motion, episode = np.zeros((n_envs, n_uavs), MOTION), np.zeros(n_envs, EPISODE)
-    motion["position"] = rng.uniform(0, 30, (n_envs, n_uavs, 3))
-    episode["wind"][:, :2] = rng.normal(size=(n_envs, 2))
+    motion, air = np.zeros((n_envs, n_uavs), MOTION), uniform_air(n_envs)
+    places, winds = motion["position"], air.mean
+    places[:] = rng.uniform(0, 30, (n_envs, n_uavs, 3))
+    winds[:, :2] = rng.normal(size=(n_envs, 2))
     sources = rng.uniform(0, 30, (n_envs, n_sources, 3))
     strengths = rng.uniform(0.5, 2, (n_envs, n_sources))
     out = np.full((n_envs, n_uavs), np.nan)
-    PLUME.read(motion, sources, strengths, episode, out)
-    expected = [PLUME.field(motion["position"][e], sources[e], strengths[e], episode["wind"][e]) for e in range(n_envs)]
+    scene = Scene(sources, strengths, air, open_air(), np.full(3, 30.0), places)
+    PLUME.read(None, scene, places, np.ones(n_envs, np.bool_), out)
+    expected = [PLUME.field(places[e], sources[e], strengths[e], winds[e]) for e in range(n_envs)]
     np.testing.assert_allclose(out, expected, rtol=1e-12)
 
 

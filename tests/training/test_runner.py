@@ -163,7 +163,7 @@ def test_a_policy_that_does_not_understand_the_plume_is_refused() -> None:
         name = "sniffer"
         plume_quantities = ("concentration",)
 
-    with pytest.raises(InputError, match="sniffer cannot search in scenario rate-60x60x30: its plume gives hit_rate"):
+    with pytest.raises(InputError, match="sniffer cannot search in scenario rate-60x60x30: its sensor gives hits"):
         evaluate(Sniffer(), SCENARIO, [0], n_jobs=1)
 
 

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from osl_env.errors import InputError
 from training.commands.options import print_json
 
-KINDS = ("policies", "scenarios", "benchmarks", "trainings")
+if TYPE_CHECKING:
+    from osl_env.fields import Field
+
+KINDS = ("policies", "scenarios", "fields", "benchmarks", "trainings")
 
 
 @dataclass(frozen=True)
 class Listing:
-    """List policies, scenarios, benchmarks and trainings, one line each."""
+    """List policies, scenarios, fields, benchmarks and trainings, one line each."""
 
     what: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="KIND")] = "all"
-    """policies, scenarios, benchmarks, trainings or all"""
+    """policies, scenarios, fields, benchmarks, trainings or all"""
     json: bool = False
     """print JSON only"""
 
@@ -55,6 +58,10 @@ def _cards(kind: str) -> dict[str, str]:
         from osl_env.scenario import load_scenario, scenario_names
 
         return {name: load_scenario(name).description for name in scenario_names()}
+    if kind == "fields":
+        from osl_env.fields import field_names, load_field
+
+        return {name: _field_card(name, load_field(name)) for name in field_names()}
     if kind == "benchmarks":
         from training.benchmark import benchmark_names, load_benchmark
 
@@ -62,3 +69,12 @@ def _cards(kind: str) -> dict[str, str]:
     from training.training_config import load_training, training_names
 
     return {name: load_training(name).summary for name in training_names()}
+
+
+def _field_card(name: str, field: Field) -> str:
+    """Title of the card, what the field holds, and its size."""
+    title = str(field.card.get("title", name))
+    held = " and ".join(kind for kind in ("wind", "concentration") if getattr(field, kind) is not None)
+    sides, cells = " x ".join(f"{side:.3g}" for side in field.high - field.low), " x ".join(map(str, field.shape))
+    size = f"{held}, {sides} m, {cells} cells, {max(field.period, field.duration):g} s"
+    return size if title == name else f"{title}: {size}"

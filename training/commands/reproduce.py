@@ -24,7 +24,7 @@ class Reproduce:
     paper: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="PAPER")]
     """muc-osl"""
     experiment: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="EXPERIMENT")] = "all"
-    """area, uavs, radius, particles, energy, example or all"""
+    """area, uavs, radius, particles, energy, example, gaden (these four in a filament plume: gaden-area, ..) or all"""
     episodes: OptionalCount = None
     """at most so many a setting; 200 by default, as in the paper"""
     seed: OptionalCount = None
@@ -77,10 +77,13 @@ def _chosen(paper: str, name: str) -> Sequence[Experiment]:
     experiments = papers[paper]
     if name == "all":
         return list(experiments.values())
+    if name in muc_osl.GROUPS:
+        return [experiments[member] for member in muc_osl.GROUPS[name]]
     if name not in experiments:
-        near = difflib.get_close_matches(name, experiments, n=1)
+        allowed = [*experiments, *muc_osl.GROUPS]
+        near = difflib.get_close_matches(name, allowed, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        raise InputError(f"unknown experiment {name!r} of {paper}: {hint}allowed are {', '.join(experiments)}, all")
+        raise InputError(f"unknown experiment {name!r} of {paper}: {hint}allowed are {', '.join(allowed)}, all")
     return [experiments[name]]
 
 

@@ -70,10 +70,8 @@ def _radius(scenario: Scenario) -> str:
 
 def _plume(scenario: Scenario) -> str:
     true, told = scenario.plume, scenario.advertised_plume
-    text = f"a Q = {true.source_strength:g} m/s, D = {true.diffusivity:g} m²/s, lifetime {true.lifetime:g} s"
-    if told is None or told == true:
-        return text
-    return f"{text}; policies are told {told.source_strength:g} m/s, {told.diffusivity:g} m²/s, {told.lifetime:g} s"
+    text = true.summary
+    return text if told is None or told == true else f"{text}; policies are told {told.summary}"
 
 
 def _policies(groups: Sequence[Group], swept: str) -> Markup:

@@ -1,4 +1,4 @@
-"""What a UAV senses: hits of a counting gas sensor, and the wind.
+"""A gas sensor that counts hits.
 
 Poisson counter (MUC-OSL eq 3): p(d) = (R dt)^d / d! * exp(-R dt) with R the plume's hit rate. The counter may miss
 hits with a probability, count some that are none at a rate, and be blind for a dead time after each count
@@ -8,29 +8,41 @@ hits with a probability, count some that are none at a rate, and be blind for a 
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numba import njit
 
-from osl_env.numerics import normal, poisson, uniform
-from osl_env.parameters import Parameters, quantity
-from osl_env.state import DETECTION_MEMORY
+from osl_env.numerics import poisson, uniform
+from osl_env.parameters import quantity
+from osl_env.sensors.base import HITS_SCALE, GasSensor, remember
+from osl_env.sensors.faults import faulty_reading
 
 
-class PoissonCounter(Parameters):
+class PoissonCounter(GasSensor):
     """Gas sensor that counts hits (MUC-OSL eq 3). The ideal counter is the default."""
+
+    measures: ClassVar[Literal["hit_rate", "concentration"]] = "hit_rate"
 
     kind: Literal["poisson_counter"] = "poisson_counter"
     false_positive_rate: float = quantity(0.0, "1/s", ge=0)  # counts that are no hits
     miss_probability: float = quantity(0.0, "", ge=0, lt=1)  # of a hit that is not counted
     dead_time: float = quantity(0.0, "s", ge=0)  # blind time after each count
 
+    @property
+    def reports(self) -> Literal["hits", "concentration"]:
+        """Hits."""
+        return "hits"
 
-class Anemometer(Parameters):
-    """Wind sensor: the wind's velocity with Gaussian noise on each horizontal component."""
+    @property
+    def scale(self) -> float:
+        """5 hits."""
+        return HITS_SCALE
 
-    noise: float = quantity(0.0, "m/s", ge=0)  # standard deviation
+    @property
+    def period(self) -> float:
+        """Infinite: a counter asks for no ticks of its own, it counts over the sampling time at its end."""
+        return math.inf
 
 
 @njit(cache=True, error_model="numpy")
@@ -49,35 +61,11 @@ def count_with_dead_time(stream: np.uint64, rate: float, duration: float, dead_t
 
 
 @njit(inline="always", error_model="numpy")
-def _remember(senses: Any, motion: Any, reading: Any, clock: Any) -> None:
-    """Put a detection in front of the remembered ones."""
-    for k in range(DETECTION_MEMORY - 1, 0, -1):
-        senses.detection_time[k] = senses.detection_time[k - 1]
-        senses.detection_reading[k] = senses.detection_reading[k - 1]
-        for axis in range(3):
-            senses.detection_position[k, axis] = senses.detection_position[k - 1, axis]
-    senses.detection_time[0] = clock
-    senses.detection_reading[0] = reading
-    for axis in range(3):
-        senses.detection_position[0, axis] = motion.position[axis]
-    if senses.detections == 0:
-        senses.first_detection_time = clock
-    senses.detections += 1
-    senses.fresh = True
-
-
-@njit(inline="always", error_model="numpy")
-def sample(m: Any, s: Any, episode: Any, c: Any, rate: float, sampling_time: float) -> None:
-    """Sample gas and wind with one UAV whose leg (or period) has just ended.
+def sample(m: Any, s: Any, episode: Any, c: Any, rate: float, faults: Any, uav: int, sampling_time: float) -> None:
+    """Count hits with UAV number `uav` whose leg (or period) has just ended.
 
     `rate` is the plume's hit rate, 1/s; a leg of n samples counts over n times `sampling_time`, s.
     """
-    for axis in range(3):
-        s.wind[axis] = episode.wind[axis]
-    if c.wind_noise > 0.0:
-        for axis in range(2):
-            s.anemometer_stream, noise = normal(s.anemometer_stream)
-            s.wind[axis] += c.wind_noise * noise
     if m.samples == 0:
         return
     duration = m.samples * sampling_time
@@ -86,7 +74,11 @@ def sample(m: Any, s: Any, episode: Any, c: Any, rate: float, sampling_time: flo
         s.gas_stream, hits = count_with_dead_time(s.gas_stream, rate, duration, c.dead_time)
     else:
         s.gas_stream, hits = poisson(s.gas_stream, rate * duration)
-    s.reading = float(hits)
+    count = float(hits)
+    if faults.size > 0:
+        count = faulty_reading(faults, uav, episode.clock, count, s.reading, s.gas_stream)
+        count = math.floor(max(count, 0.0) + 0.5)
+    s.reading = count
     s.sampling_time = duration
-    if hits > 0:
-        _remember(s, m, float(hits), episode.clock)
+    if count > 0.0:
+        remember(s, m, count, episode.clock)

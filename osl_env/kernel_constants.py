@@ -1,0 +1,43 @@
+"""The numbers of a scenario that the kernels need, in one record (`state.CONSTANTS`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from osl_env.radio import HEADER_BYTES
+from osl_env.scenario import Scenario
+from osl_env.sensors import PoissonCounter
+from osl_env.state import CONSTANTS, StateArray
+from osl_env.vehicles.point_mass import PointMass
+
+
+def kernel_constants(scenario: Scenario) -> StateArray:
+    """CONSTANTS (1,) of `scenario`: what the kernels need of its model objects."""
+    constants = np.zeros(1, CONSTANTS)
+    vehicle, energy, ending, radio = scenario.vehicle, scenario.energy, scenario.ending, scenario.radio
+    for name in ("step_length", "hop_lengths", "speed", "acceleration", "hover_time", "turn_time", "max_samples"):
+        constants[name] = getattr(vehicle, name)
+    if isinstance(vehicle, PointMass):
+        constants["decision_period"] = vehicle.decision_period
+        constants["physics_step"] = vehicle.physics_step
+    for name in ("flying_power", "hovering_power", "turn_energy", "capacity"):
+        constants[name] = getattr(energy, name)
+    for name in ("time_limit", "max_decisions", "success_radius"):
+        constants[name] = getattr(ending, name)
+    if isinstance(scenario.gas_sensor, PoissonCounter):
+        for name in ("false_positive_rate", "miss_probability", "dead_time"):
+            constants[name] = getattr(scenario.gas_sensor, name)
+    for name in ("radius", "latency", "loss"):
+        constants[name] = getattr(radio, name)
+    for name in ("time", "success", "false_declaration", "energy", "detection", "shaping"):
+        constants[f"reward_{name}"] = getattr(scenario.reward, name)
+    constants["area"] = scenario.arena.size
+    constants["joule_per_bit_computed"] = energy.joule_per_bit
+    constants["joule_per_byte_sent"] = radio.joule_per_byte
+    constants["event_clock"] = scenario.clock == "event"
+    constants["collision"] = ("stop", "slide", "end").index(scenario.arena.collision)
+    constants["reach"] = ending.success == "reach"
+    constants["wind_noise"] = scenario.anemometer.noise
+    constants["header_bytes"] = HEADER_BYTES
+    constants["discount"] = scenario.reward.discount
+    return constants
