@@ -17,7 +17,8 @@ from osl_env.errors import InputError
 from osl_env.kernel_cache import drop_stale_kernels
 from osl_env.observation import Observation
 from osl_env.record import EpisodeRecord
-from osl_env.scenario import Scenario, load_scenario, scenario_names
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario, scenario_names
 from osl_env.world import World
 
 try:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,7 +61,7 @@ class Cylinder(Parameters):
         return outside < self.radius and self.bottom < size[2] and self.top > 0.0
 
 
-Obstacle: TypeAlias = Box | Cylinder
+Obstacle: TypeAlias = Annotated[Box | Cylinder, Field(discriminator="kind")]
 
 
 class Occupancy(Parameters):
@@ -109,7 +109,13 @@ class Arena(Parameters):
         for k, entry in enumerate(obstacles):
             if isinstance(entry, dict) and entry.get("kind") not in ("box", "cylinder"):
                 raise ValueError(f"obstacles.{k}.kind = {entry.get('kind')!r}: allowed are box, cylinder")
-        return [_KINDS[entry["kind"]](**entry) if isinstance(entry, dict) else entry for entry in obstacles]
+        return obstacles
+
+    @field_validator("occupancy", mode="before")
+    @classmethod
+    def _named_field(cls, occupancy: object) -> object:
+        """A mapping is an Occupancy, whose keys then give clear messages."""
+        return Occupancy.model_validate(occupancy) if isinstance(occupancy, dict) else occupancy
 
     @model_validator(mode="after")
     def _fits(self) -> Arena:
@@ -155,7 +161,7 @@ class Arena(Parameters):
         try:
             field = load_field(given.field)
         except ValueError as error:
-            raise ValueError(f"occupancy: {error}") from None
+            raise ValueError(f"occupancy = {given.field!r}: {error}") from None
         if field.solid is None:
             raise ValueError(f"occupancy = {given.field!r}: this field has no solid cells")
         if not field.covers(self.size, given.offset):
@@ -206,9 +212,6 @@ class Arena(Parameters):
         sides = [np.linspace(low, high, 2 * _LATTICE + 1)[1::2] for low, high in zip(*region, strict=True)]
         lattice = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
         return bool(self.free(lattice).any())
-
-
-_KINDS: dict[str, type[Obstacle]] = {"box": Box, "cylinder": Cylinder}
 
 
 def _rounded(corner: FloatArray) -> list[float]:

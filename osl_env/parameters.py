@@ -103,7 +103,11 @@ _KINDS: set[int | str] = set()  # of all models
 
 def _key_path(location: tuple[int | str, ...]) -> str:
     """The path of a key as it is written in a file."""
-    chosen = [k > 0 and location[k - 1] in _CHOSEN_BY_KIND and part in _KINDS for k, part in enumerate(location)]
+    above = [location[k - 1] if k > 0 else "" for k in range(len(location))]
+    chosen = [
+        part in _KINDS and (key in _CHOSEN_BY_KIND or isinstance(key, int))  # of a key, or of an entry of a list
+        for key, part in zip(above, location, strict=True)
+    ]
     return ".".join(str(part) for part, by_kind in zip(location, chosen, strict=True) if not by_kind)
 
 
@@ -113,6 +117,9 @@ def one_line(error: ValidationError, where: str | Path = "") -> InputError:
     path = _key_path(first["loc"])
     message = first["msg"].removeprefix("Value error, ")
     value = first.get("input")
+    last = path.rpartition(".")[2]
+    if first["type"] == "value_error" and message.startswith((f"{last} = ", f"{last}.")):
+        path = path.removesuffix(last).removesuffix(".")  # a validator of the key itself says its name
     if first["type"] == "extra_forbidden":
         text = f"unknown key {path!r}"
     elif first["type"] == "value_error":

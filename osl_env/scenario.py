@@ -1,12 +1,7 @@
-"""Scenario: the model objects of one task, composed, checked together and hashed.
-
-A scenario is given as a preset's name, a YAML file's path, or a Scenario. A file holds the differences from the
-defaults below, or from another preset named by its key `base`.
-"""
+"""Scenario: the model objects of one task, composed, checked together and hashed. Files: `scenario_files`."""
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import json
 from collections.abc import Callable
@@ -17,9 +12,9 @@ import numpy as np
 from pydantic import ValidationError, model_validator
 
 from osl_env.arena import Arena
-from osl_env.configuration import config_folder, merged, read_yaml
+from osl_env.configuration import merged
 from osl_env.energy import EnergyModel
-from osl_env.errors import InputError
+from osl_env.fields.references import by_content
 from osl_env.parameters import Parameters, Vector, one_line, quantity
 from osl_env.placement import Sources, Team
 from osl_env.plumes.field import FieldPlume
@@ -37,9 +32,6 @@ from osl_env.winds.meander import MeanderingWind
 from osl_env.winds.series import SeriesWind
 from osl_env.winds.turbulence import TurbulentWind
 from osl_env.winds.uniform import UniformWind
-
-_MAX_BASES = 8  # a chain of `base` keys longer than this is a loop
-
 
 Plume: TypeAlias = HitRatePlume | GaussianPuffPlume | FilamentPlume | PseudoGaussianPlume | FieldPlume
 AnyWind: TypeAlias = UniformWind | MeanderingWind | TurbulentWind | SeriesWind | FieldWind
@@ -124,9 +116,10 @@ class Scenario(Parameters):
             if not self.arena.has_room(region):
                 raise ValueError(f"{key}.region = {[list(corner) for corner in region]}: all of it is inside obstacles")
         self._far_enough()
-        self._smellable()
         _check("plume", self.plume.check, self.arena, self.sources.count)
+        _check("advertised_plume", self.told_plume.check, self.arena, self.sources.count)
         _check("wind", self.wind.check, self.arena)
+        self._smellable()
         return self
 
     def _smellable(self) -> None:
@@ -136,14 +129,14 @@ class Scenario(Parameters):
                 f"gas_sensor.kind = {self.gas_sensor.kind!r}: measures a {self.gas_sensor.measures}, but plume"
                 f" {self.plume.kind!r} gives a {self.plume.measures}"
             )
-        if self.plume.measures == "concentration" and self.reports == "hits" and self.told_plume.measures != "hit_rate":
+        if self.reports == "hits" and self.told_plume.measures != "hit_rate":
             raise ValueError(
-                "advertised_plume: gas_sensor.count_unit makes the sensor report hits, so the policies must be told of"
-                " a plume of kind hit_rate"
+                f"advertised_plume.kind = {self.told_plume.kind!r}: the gas sensor reports hits (a count_unit makes it"
+                " do so), so the policies must be told of a plume of kind hit_rate"
             )
         if self.gas_sensor.measures == "concentration" and self.tick > self.decision_time:
             raise ValueError(
-                f"plume.step = {self.tick:g}: must be at most the {self.decision_time:g} s of a sample"
+                f"{self._tick_key} = {self.tick:g}: must be at most the {self.decision_time:g} s of a sample"
                 f" ({'decision_period' if self.action == 'velocity' else 'hover_time'} of the vehicle)"
             )
         if isinstance(self.plume, FieldPlume) and not self._sources_are(self.plume):
@@ -226,16 +219,24 @@ class Scenario(Parameters):
         return min(ticks, default=0.0)
 
     @property
+    def _tick_key(self) -> str:
+        """The key that sets `tick`."""
+        if self.plume.tick is not None:
+            return "plume.step"
+        return "wind.step" if self.tick == self.wind.tick else "gas_sensor.period"
+
+    @property
     def hash(self) -> str:
         """12 hexadecimal digits that change with anything that changes an episode (not name or description)."""
         content = self.model_dump(mode="json", exclude={"name", "description"})
+        content = by_content(content)
         for key, default in _ADDED.items():
             _leave_out(content, key.split("."), default)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
 
     def override(self, **changes: Any) -> Scenario:
         """This scenario with `changes`: nested mappings or dotted keys (`**{"team.n_uavs": 5}`)."""
-        return _build(merged(self.model_dump(), changes), f"scenario {self.name}")
+        return build_scenario(merged(self.model_dump(), changes), f"scenario {self.name}")
 
 
 def _ends(region: tuple[Vector, Vector], axis: int) -> tuple[float, float]:
@@ -258,66 +259,9 @@ def _leave_out(content: dict[str, Any], path: list[str], default: Any) -> None:
         del content[path[-1]]
 
 
-def _build(content: dict[str, Any], where: str | Path) -> Scenario:
+def build_scenario(content: dict[str, Any], where: str | Path) -> Scenario:
+    """The scenario of a mapping. Raises InputError in one line that begins with `where`."""
     try:
         return Scenario.model_validate(content)
     except ValidationError as error:
         raise one_line(error, where) from None
-
-
-def scenario_names() -> list[str]:
-    """The names of the shipped presets."""
-    return sorted(path.stem for path in (config_folder() / "scenarios").glob("*.yaml"))
-
-
-def _find(name: str, beside: Path | None) -> Path:
-    shipped = config_folder() / "scenarios" / f"{name}.yaml"
-    if "/" not in name and "\\" not in name and shipped.is_file():
-        return shipped
-    path = Path(name) if beside is None or Path(name).is_absolute() else beside / name
-    if path.is_file():
-        return path
-    if path.suffix in (".yaml", ".yml"):
-        raise InputError(f"{path}: no such scenario file")
-    near = difflib.get_close_matches(name, scenario_names(), n=1)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    raise InputError(f"unknown scenario {name!r}: {hint}allowed are {_allowed()}, or a YAML file")
-
-
-def _allowed() -> str:
-    """The presets' names; of a preset and its random variant the first, with a star."""
-    names = scenario_names()
-    plain = [name for name in names if not name.endswith("-random") or name.removesuffix("-random") not in names]
-    starred = [f"{name}*" if f"{name}-random" in names else name for name in plain]
-    return f"{', '.join(starred)} (*: also with -random)"
-
-
-def _content(name: str, beside: Path | None = None, depth: int = 0) -> tuple[dict[str, Any], Path]:
-    """The merged content of the scenario file `name` and of the bases that it names, and its path."""
-    path = _find(name, beside)
-    if depth > _MAX_BASES:
-        raise InputError(f"{path}: base: more than {_MAX_BASES} files build on each other; is it a loop?")
-    content = {"name": path.stem} | read_yaml(path)
-    base = content.pop("base", None)
-    if base is None:
-        return content, path
-    if not isinstance(base, str):
-        raise InputError(f"{path}: base = {base!r}: must be the name or path of a scenario")
-    return merged(_content(base, path.parent, depth + 1)[0], content), path
-
-
-def load_scenario(scenario: str | Path | Scenario, **overrides: Any) -> Scenario:
-    """The Scenario that `scenario` (a preset's name, a path, or a Scenario) means, with `overrides` laid over it.
-
-    Overrides are nested mappings (`team={"n_uavs": 5}`) or dotted keys (`**{"radio.radius": "20 m"}`). Raises
-    InputError for an unknown name, key or unit, or a value out of its limits, in one line.
-    """
-    if isinstance(scenario, Scenario):
-        return scenario.override(**overrides) if overrides else scenario
-    if not isinstance(scenario, str | Path):
-        raise InputError(f"scenario = {scenario!r:.80}: must be a name, a path or a Scenario")
-    content, path = _content(str(scenario))
-    where: str | Path = path
-    if path.parent == config_folder() / "scenarios":
-        where = f"scenario {path.stem}"
-    return _build(merged(content, overrides), where)

@@ -64,21 +64,22 @@ def _whereabouts(
     sensor_period: float,
     decision_period: float,
     places: FloatArray,
+    gives: BoolArray,
     sampling: BoolArray,
 ) -> None:
-    """Where the UAVs are at `times` (n_envs,), s, and whether their sensors give an output that counts.
+    """Where the UAVs are at `times` (n_envs,), s, whether sensors give an output then (n_envs,), and whether it counts.
 
     `decision_period` is 0 for legs: outputs count while a UAV hovers at the end of its leg; else in all the period.
     """
     for e in range(motion.shape[0]):
         if not due[e]:
             continue
-        gives = sensor_period <= tick or math.floor((times[e] + _SAME_TIME) / sensor_period) > math.floor(
+        gives[e] = sensor_period <= tick or math.floor((times[e] + _SAME_TIME) / sensor_period) > math.floor(
             (times[e] - tick + _SAME_TIME) / sensor_period
         )
         for i in range(motion.shape[1]):
             m = motion[e, i]
-            sampling[e, i] = gives and m.active
+            sampling[e, i] = m.active
             if not m.active:
                 places[e, i, :] = _FAR
             elif decision_period > 0.0:
@@ -88,8 +89,7 @@ def _whereabouts(
             else:
                 hover = m.leg_end - m.leg_hover
                 _along(m, hover - m.leg_flight, m.leg_flight, times[e], places[e, i])
-                hovers = hover - _SAME_TIME < times[e] and times[e] <= m.leg_end + _SAME_TIME
-                sampling[e, i] = sampling[e, i] and hovers
+                sampling[e, i] = hover + _SAME_TIME < times[e] and times[e] <= m.leg_end + _SAME_TIME
 
 
 class Surroundings:
@@ -125,6 +125,7 @@ class Surroundings:
         self.ranges: FloatArray = np.zeros((n_envs, n_uavs, self._sees.count))  # m
         self._range_streams = np.zeros((n_envs, n_uavs), np.uint64)
         self._concentration: FloatArray = np.zeros((n_envs, n_uavs))
+        self._gives: BoolArray = np.zeros(n_envs, np.bool_)
         self._sampling: BoolArray = np.zeros((n_envs, n_uavs), np.bool_)
         self._ticks: IntArray = np.zeros(n_envs, np.int64)
         self._due: BoolArray = np.zeros(n_envs, np.bool_)
@@ -178,11 +179,11 @@ class Surroundings:
                 self.wind.advance(self._wind_state, due, times, self.tick)
             if motion is not None:
                 _whereabouts(motion, until, due, times, self.tick, self._sensor_period, self._period,
-                             scene.positions, self._sampling)  # fmt: skip
+                             scene.positions, self._gives, self._sampling)  # fmt: skip
             self.plume.advance(self.plume_state, scene, due)
             if motion is not None and self.smells:
                 self.plume.read(self.plume_state, scene, scene.positions, due, self._concentration)
-                sniff(self.sniffers, self.response, due, self._sampling, self.tick, self._concentration)
+                sniff(self.sniffers, self.response, due, self._gives, self._sampling, self.tick, self._concentration)
 
     def read_rates(self, motion: StateArray, stepping: BoolArray, rates: FloatArray) -> None:
         """The hit rates, 1/s, at the UAVs now, into `rates` (n_envs, n_uavs); nothing for concentration sensors."""

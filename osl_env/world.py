@@ -20,7 +20,8 @@ from osl_env.observation import Observation, ObservationLayout
 from osl_env.parameters import FloatArray
 from osl_env.placement import draw_places
 from osl_env.radio import Message
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.state import (
     ENDED,
     EPISODE,

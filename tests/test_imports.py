@@ -32,7 +32,7 @@ LAYERS: tuple[tuple[str, ...], ...] = (
     ("fields",),
     ("arena",),
     ("plumes", "winds", "vehicles", "energy", "sensors", "radio", "reward", "placement"),
-    ("scenario",),
+    ("scenario", "scenario_files"),
     (
         "observation",
         "observation_rows",

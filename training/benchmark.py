@@ -24,7 +24,8 @@ from baselines import Policy, make_policy
 from osl_env.configuration import config_folder, read_yaml
 from osl_env.errors import InputError
 from osl_env.parameters import Parameters, one_line, quantity
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.streams import MAX_SEED, check_seed
 from training.records import EpisodeRecords
 from training.store import Store

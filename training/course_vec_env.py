@@ -13,7 +13,8 @@ from baselines.features import DEFAULT_FEATURES, FeatureSpec
 from baselines.learned.course import Course, WindFrame
 from osl_env.envs.spaces import action_array
 from osl_env.errors import InputError
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.state import BoolArray
 from training.sb3_vec_env import UavVecEnv
 

@@ -10,7 +10,8 @@ from baselines.features import DEFAULT_FEATURES, FeatureSpec
 from baselines.learned.course import Course
 from baselines.learned.pilot import ActionDefinition, observation_of
 from osl_env.parameters import Parameters, quantity
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from training.randomisation import Randomisation
 from training.training_blocks import Environment, Task
 

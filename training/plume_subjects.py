@@ -19,7 +19,8 @@ from osl_env.errors import InputError
 from osl_env.fields import Field, field_names, load_field
 from osl_env.geometry import SOLID, Geometry, open_air
 from osl_env.parameters import FloatArray
-from osl_env.scenario import Scenario, load_scenario, scenario_names
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario, scenario_names
 from osl_env.world import World
 
 _SLOWEST = 0.2  # m/s: winds below it are taken to be so fast where a time is chosen

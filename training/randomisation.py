@@ -35,7 +35,8 @@ from osl_env.configuration import merged
 from osl_env.envs.spaces import uav_action_space
 from osl_env.errors import InputError
 from osl_env.parameters import FloatArray, Parameters, quantity
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.winds.mean_wind import MeanWind
 
 _PLACES = ("scenario", "anywhere", "corner")

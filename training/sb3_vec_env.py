@@ -26,7 +26,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from baselines.features import DEFAULT_FEATURES, FeatureSpec, make_spec, spec_size
 from osl_env.envs.spaces import action_array, flat_space, uav_action_space
 from osl_env.errors import InputError
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.state import BoolArray
 from osl_env.streams import Purpose, check_seed, following_seeds, generator
 from training.randomisation import Randomisation

@@ -19,7 +19,8 @@ from baselines.search_agent.crew import SearchView
 from baselines.search_agent.policy import SearchAction, observation_definition
 from osl_env.errors import InputError
 from osl_env.parameters import Parameters, quantity
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from training.training_blocks import Environment, Task
 
 if TYPE_CHECKING:

@@ -24,7 +24,8 @@ from tqdm import tqdm
 from baselines import Policy, make_policy
 from osl_env.errors import InputError
 from osl_env.record import EpisodeRecord
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.streams import check_seed
 from training.flight import fly, run_batch
 from training.records import EpisodeRecords

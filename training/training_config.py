@@ -26,7 +26,8 @@ from pydantic_core import InitErrorDetails
 from osl_env.configuration import config_folder, read_yaml
 from osl_env.errors import InputError
 from osl_env.parameters import Parameters, one_line, quantity
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from training.training_blocks import Environment, Network
 
 FIRST_TRAINING_SEED = 2**40

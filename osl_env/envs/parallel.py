@@ -14,7 +14,8 @@ from pettingzoo.utils.conversions import parallel_to_aec
 from osl_env.envs.render import TrackRecorder
 from osl_env.envs.spaces import ActionTranslator, flat_space, next_seed, physical_dict, physical_space
 from osl_env.errors import InputError
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.state import SUCCESS
 from osl_env.world import World
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from osl_env.envs.render import TrackRecorder
 from osl_env.envs.spaces import ActionTranslator, action_array, flat_space, next_seed
 from osl_env.errors import InputError
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.state import SUCCESS
 from osl_env.world import World
 

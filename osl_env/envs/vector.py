@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from osl_env.envs.single import team_action_space
 from osl_env.envs.spaces import ActionTranslator, action_array, flat_space
 from osl_env.errors import InputError
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.state import SUCCESS, BoolArray, IntArray
 from osl_env.streams import check_seed, entropy_seed, following_seeds
 from osl_env.world import World

@@ -28,7 +28,7 @@ def load_field(name: str | Path) -> Field:
     Loaded once: as long as the file is unchanged and the field in use, all get the same object. Raises InputError for
     an unknown name or a bad file.
     """
-    path = _find(str(name))
+    path = field_path(str(name))
     try:
         status = path.stat()
     except OSError as error:
@@ -41,7 +41,8 @@ def load_field(name: str | Path) -> Field:
     return field
 
 
-def _find(name: str) -> Path:
+def field_path(name: str) -> Path:
+    """The file of the shipped field `name`, or at the path `name`. Raises InputError if it is neither."""
     if "\x00" not in name:
         if "/" not in name and "\\" not in name and name in field_names():
             return config_folder() / "fields" / f"{name}.npz"

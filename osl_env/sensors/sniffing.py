@@ -53,13 +53,15 @@ def sniff(
     sniffers: StateArray,
     response: StateArray,
     due: BoolArray,
+    gives: BoolArray,
     sampling: BoolArray,
     dt: float,
     concentration: FloatArray,
 ) -> None:
     """One tick of `dt` s in the worlds of `due` (n_envs,), with the true `concentration` (n_envs, n_uavs) during it.
 
-    Where `sampling` (n_envs, n_uavs), the output belongs to the present sampling time.
+    In the worlds of `gives` (n_envs,) it ends with an output, in the others the last one holds. Where `sampling`
+    (n_envs, n_uavs), the output belongs to the present sampling time.
     """
     r = response[0]
     rise, recovery = _gain(dt, r.rise_time), _gain(dt, r.recovery_time)
@@ -76,11 +78,12 @@ def sniff(
             sniffer.level = c if gain == 1.0 else sniffer.level + gain * (c - sniffer.level)
             if sniffer.level < _NOTHING:
                 sniffer.level = 0.0
-            output = sniffer.level
             if drift > 0.0:
                 sniffer.stream, step = normal(sniffer.stream)
                 sniffer.baseline += drift * step
-                output += sniffer.baseline
+            if not gives[e]:
+                continue
+            output = sniffer.level + sniffer.baseline
             if noisy:
                 sniffer.stream, draw = normal(sniffer.stream)
                 output += noise * math.hypot(r.noise, r.relative_noise * sniffer.level) * draw

@@ -24,7 +24,7 @@ from osl_env.actions import HOP_DIRECTIONS, Hop
 from osl_env.errors import InputError
 from osl_env.plumes.hit_rate import HitRatePlume
 from osl_env.radio import Message
-from osl_env.scenario import load_scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.sensors import PoissonCounter
 from osl_env.world import World
 

@@ -25,7 +25,7 @@ from baselines.search_agent.single_precision import exp32, log32
 from baselines.search_agent.state import SETTING
 from baselines.search_agent.support import draw_support, summarise
 from osl_env.errors import InputError
-from osl_env.scenario import load_scenario
+from osl_env.scenario_files import load_scenario
 from tests.checkpoints import search_checkpoint
 from training.flight import fly
 

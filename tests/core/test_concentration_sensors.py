@@ -58,7 +58,7 @@ class Rig:
         field = np.ascontiguousarray(np.broadcast_to(np.asarray(concentration, dtype=np.float64), shape))
         due, sampling = np.ones(shape[0], np.bool_), np.full(shape, counts)
         for _ in range(round(duration / dt)):
-            sniff(self.sniffers, self.response, due, sampling, dt, field)
+            sniff(self.sniffers, self.response, due, due, sampling, dt, field)
         self.episode["clock"] += duration
         return self
 
@@ -230,11 +230,11 @@ def test_a_world_in_a_batch_is_as_alone_and_worlds_that_are_not_due_stay(sensor:
     many, alone, rested = Rig(model, 5, 2), Rig(model, 1, 2, seed=3), Rig(model, 5, 2)
     fields = rng.exponential(2.0, (40, 5, 2))
     sampling = rng.random((40, 5, 2)) < 0.5
-    due = np.array([False, False, False, True, False])
+    due, all_due, one_due = np.array([False, False, False, True, False]), np.ones(5, np.bool_), np.ones(1, np.bool_)
     for field, counts in zip(fields, sampling, strict=True):
-        sniff(many.sniffers, many.response, np.ones(5, np.bool_), counts, 0.1, field)
-        sniff(alone.sniffers, alone.response, np.ones(1, np.bool_), counts[3:4].copy(), 0.1, field[3:4].copy())
-        sniff(rested.sniffers, rested.response, due, counts, 0.1, field)
+        sniff(many.sniffers, many.response, all_due, all_due, counts, 0.1, field)
+        sniff(alone.sniffers, alone.response, one_due, one_due, counts[3:4].copy(), 0.1, field[3:4].copy())
+        sniff(rested.sniffers, rested.response, due, all_due, counts, 0.1, field)
     assert many.read()[3].tolist() == alone.read()[0].tolist() == rested.read()[3].tolist()
     assert many.sniffers[3].tobytes() == alone.sniffers[0].tobytes() == rested.sniffers[3].tobytes()
     assert many.sniffers[0, 0]["stream"] != many.sniffers[0, 1]["stream"]

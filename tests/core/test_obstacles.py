@@ -13,7 +13,8 @@ from osl_env.arena import Arena
 from osl_env.envs.spaces import ActionTranslator
 from osl_env.errors import InputError
 from osl_env.fields import Field, save_field
-from osl_env.scenario import Scenario, load_scenario
+from osl_env.scenario import Scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.state import ENERGY_KINDS, FLYING, HOVERING, TURNING
 from osl_env.world import World
 

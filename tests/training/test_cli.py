@@ -11,7 +11,7 @@ import guesser
 import pytest
 
 from baselines import policy_names
-from osl_env.scenario import scenario_names
+from osl_env.scenario_files import scenario_names
 from training.cli import main
 from training.training_config import training_names
 

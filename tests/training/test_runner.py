@@ -17,7 +17,7 @@ from osl_env.observation import Observation
 from osl_env.parameters import FloatArray
 from osl_env.radio import Message
 from osl_env.record import EpisodeRecord
-from osl_env.scenario import load_scenario
+from osl_env.scenario_files import load_scenario
 from training import evaluate
 from training.flight import fly
 

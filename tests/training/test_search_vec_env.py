@@ -11,7 +11,7 @@ from baselines import make_policy
 from baselines.search_agent.crew import SearchView
 from baselines.search_agent.levers import MACRO_BEATS, N_LEVERS, N_SITUATION
 from osl_env.errors import InputError
-from osl_env.scenario import load_scenario
+from osl_env.scenario_files import load_scenario
 from osl_env.streams import following_seeds
 from tests.checkpoints import search_checkpoint
 from training.flight import run_batch

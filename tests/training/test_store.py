@@ -9,7 +9,7 @@ from guesser import Guesser
 
 from osl_env.errors import InputError
 from osl_env.record import EpisodeRecord
-from osl_env.scenario import load_scenario
+from osl_env.scenario_files import load_scenario
 from training import evaluate
 from training import sweep as sweep_module
 from training.store import Store, cell_key

@@ -55,7 +55,7 @@ def _cards(kind: str) -> dict[str, str]:
 
         return {name: policy_class(name).summary for name in policy_names()}
     if kind == "scenarios":
-        from osl_env.scenario import load_scenario, scenario_names
+        from osl_env.scenario_files import load_scenario, scenario_names
 
         return {name: load_scenario(name).description for name in scenario_names()}
     if kind == "fields":

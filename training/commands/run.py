@@ -55,7 +55,7 @@ class Run:
         check_count("episodes", self.episodes)
         scenario_changes, policy_changes = parse_pairs(self.set, "--set"), parse_pairs(self.policy_set, "--policy-set")
         from baselines import make_policy
-        from osl_env.scenario import load_scenario
+        from osl_env.scenario_files import load_scenario
         from osl_env.streams import check_seed
         from training.benchmark import Case, Result
         from training.records import check_output, write_table
