@@ -41,6 +41,7 @@ class Block:
 
     rules: Rules
     motion: StateArray
+    positions: FloatArray  # those in `motion`
     ledger: StateArray
     senses: StateArray
     episode: StateArray
@@ -91,8 +92,9 @@ class Block:
         reward.
         """
         b, rules, around = self, self.rules, self.surroundings
-        around.follow(b.stepping, b.motion, b.episode)
-        around.read_rates(b.motion, b.stepping, b.rates)
+        if not around.rests:
+            around.follow(b.stepping, b.motion, b.episode)
+        around.read_rates(b.positions, b.stepping, b.rates)
         in_range = rules.talks and not rules.to_all
         at_once = is_step and not in_range and not rules.reaching
         settle(b.motion, b.ledger, b.senses, b.episode, rules.constants, b.stepping, around.winds, b.rates,

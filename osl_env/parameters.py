@@ -73,7 +73,12 @@ def _checked(value: Any, unit: str, infinite: bool) -> Any:
 class Parameters(BaseModel):
     """A model's parameters: frozen, no unknown keys, quantities with units (see `quantity`)."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")  # by default inf would be null
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        ser_json_inf_nan="constants",  # by default inf would be null
+        defer_build=True,  # until a model is first used: most are not
+    )
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
@@ -88,7 +93,7 @@ class Parameters(BaseModel):
         converted = dict(values)
         for name, field in cls.model_fields.items():
             extra = field.json_schema_extra
-            if name in converted and isinstance(extra, dict) and "unit" in extra:
+            if name in converted and isinstance(extra, dict) and "unit" in extra and field.discriminator is None:
                 try:
                     converted[name] = _checked(converted[name], str(extra["unit"]), bool(extra["infinite"]))
                 except ValueError as error:
@@ -99,6 +104,15 @@ class Parameters(BaseModel):
 # keys whose value is one of several models, chosen by its `kind`: pydantic puts the kind into a problem's path
 _CHOSEN_BY_KIND = {"plume", "advertised_plume", "wind", "vehicle", "gas_sensor", "dispersion"}
 _KINDS: set[int | str] = set()  # of all models
+_MAPPING = "a mapping of keys and values"
+# pydantic's name for a value of the wrong shape -> what is allowed, in a file's words
+_SHAPES = {
+    "model_type": _MAPPING,
+    "model_attributes_type": _MAPPING,
+    "dict_type": _MAPPING,
+    "tuple_type": "a list",
+    "list_type": "a list",
+}
 
 
 def _key_path(location: tuple[int | str, ...]) -> str:
@@ -134,6 +148,10 @@ def one_line(error: ValidationError, where: str | Path = "") -> InputError:
         text = f"{path}.kind = {first['ctx']['tag']!r}: allowed are {first['ctx']['expected_tags']}"
     elif first["type"] == "missing":
         text = f"key {path!r} is missing"
+    elif first["type"] == "too_long":
+        text = f"{path} = {value!r}: must have at most {first['ctx']['max_length']} entries"
+    elif first["type"] in _SHAPES:
+        text = f"{path} = {value!r}: must be {_SHAPES[first['type']]}"
     else:
         text = f"{path} = {value!r}: {message[0].lower()}{message[1:]}"
     return InputError(f"{where}: {text}" if where else text)

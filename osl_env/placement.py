@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from pydantic import field_validator, model_validator
 
-from osl_env.geometry import Geometry, has_obstacles, is_taken
+from osl_env.geometry import Geometry, is_taken
 from osl_env.numerics import uniform
 from osl_env.parameters import FloatArray, Parameters, Vector, quantity
 from osl_env.state import IntArray
@@ -82,12 +82,11 @@ def _draw_place(state: Any, low: Any, high: Any, away_from: Any, minimum: float,
     """
     farthest = -1.0
     candidate = np.empty(3)
-    obstructed = has_obstacles(geometry)
     for n in range(_MOST_TRIES):
         for axis in range(3):
             state, u = uniform(state)
             candidate[axis] = low[axis] + u * (high[axis] - low[axis])
-        if obstructed and is_taken(geometry, candidate[0], candidate[1], candidate[2]):
+        if geometry is not None and is_taken(geometry, candidate[0], candidate[1], candidate[2]):
             continue
         nearest = math.inf
         for k in range(away_from.shape[0]):
@@ -108,14 +107,14 @@ def draw_places(
     team_region: FloatArray,
     source_region: FloatArray,
     minimum_distance: float,
-    geometry: Geometry,
+    geometry: Geometry | None,
     starts: FloatArray,
     sources: FloatArray,
 ) -> None:
     """Fill in what is random: `starts` (n, n_uavs, 3) and `sources` (n, n_sources, 3), m, of the episodes with `seeds`.
 
     A region is (2, 3); an empty one (0, 3) leaves the given places. Starts come from stream 0, sources
-    from stream 1. What is drawn is free of the obstacles in `geometry`.
+    from stream 1. What is drawn is free of the obstacles in `geometry` (None: there are none).
     """
     nothing = np.empty((0, 3))
     for k in range(seeds.size):

@@ -28,6 +28,7 @@ MOTION = np.dtype(  # (n_envs, n_uavs)
         ("position", _F, (3,)),  # m
         ("heading", _F, (3,)),  # unit vector of the last flight; zero before the first
         ("target", _F, (3,)),  # m, end of the present leg
+        ("origin", _F, (3,)),  # m, where the present leg or period began
         ("leg_turn", _F),  # s, parts of the present leg's duration
         ("leg_flight", _F),
         ("leg_hover", _F),
@@ -40,9 +41,8 @@ MOTION = np.dtype(  # (n_envs, n_uavs)
         ("exhausted", _B),  # its battery ends during this leg
         ("terminated", _B),
         ("truncated", _B),
-        ("velocity", _F, (3,)),  # m/s; zero between legs
-        ("origin", _F, (3,)),  # m, where the present leg or period began
         ("collided", _B),  # the last leg or period ran into an obstacle
+        ("velocity", _F, (3,)),  # m/s; zero between legs
     ],
     align=True,
 )

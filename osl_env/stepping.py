@@ -33,9 +33,9 @@ def settle(
     stepping: BoolArray,
     winds: FloatArray,
     rates: FloatArray,
-    sniffers: StateArray,
-    response: StateArray,
-    faults: StateArray,
+    sniffers: StateArray | None,
+    response: StateArray | None,
+    faults: StateArray | None,
     sampling_time: float,
     talks: bool,
     rewards: FloatArray,
@@ -46,11 +46,12 @@ def settle(
     `ends`, `finish`.
 
     `winds` (n_envs, n_uavs or 1, 3), m/s. The gas sensor counts at the hit rates `rates` (n_envs, n_uavs), 1/s, or, if
-    there are `sniffers` (n_envs, n_uavs), gives what they have averaged.
+    there are `sniffers` (n_envs, n_uavs), gives what they have averaged. Without sniffers or `faults` the kernel is
+    compiled without what concerns them.
     One pass over the state instead of two where nothing has to come between samples and endings.
     """
     n_envs, n_uavs = motion.shape
-    c, smells, winds_each = constants[0], sniffers.shape[1] > 0, winds.shape[1] > 1
+    c, winds_each = constants[0], winds.shape[1] > 1
     for e in range(n_envs):
         if stepping[e]:
             for i in range(n_uavs):
@@ -59,7 +60,7 @@ def settle(
                 if motion[e, i].active and motion[e, i].ready:
                     wind = winds[e, i if winds_each else 0]
                     measure_wind(s, c, wind[0], wind[1], wind[2])
-                    if smells:
+                    if sniffers is not None and response is not None:
                         sample_concentration(
                             motion[e, i], s, sniffers[e, i], episode[e], response[0], faults, i, sampling_time
                         )

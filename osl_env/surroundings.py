@@ -25,7 +25,7 @@ from osl_env.winds.base import Wind
 if TYPE_CHECKING:
     from osl_env.scenario import Scenario
 
-_SAME_TIME = 1e-9  # s
+_SAME_TIME = 1e-6  # s: a clock is a sum of many rounded periods
 _FAR = 1e9  # m: where a UAV is that does not fly
 
 
@@ -101,7 +101,7 @@ class Surroundings:
         self.plume: PlumeModel = scenario.plume
         self.wind: Wind = scenario.wind
         self.sensor: GasSensor = scenario.gas_sensor
-        self.tick = scenario.tick
+        self.tick, self._wind_changes = scenario.tick, self.wind.changes
         self.smells = self.sensor.measures == "concentration"
         self._sensor_period = float(self.sensor.period) if self.smells else math.inf  # s
         self._period = scenario.decision_time if scenario.action == "velocity" else 0.0  # s
@@ -115,13 +115,14 @@ class Surroundings:
             area=np.array(scenario.arena.size),
             positions=np.full((n_envs, n_uavs, 3), _FAR),
         )
-        self.sniffers: StateArray = np.zeros((n_envs, n_uavs if self.smells else 0), SNIFFER)
-        self.response: StateArray = self.sensor.response()
-        self.faults: StateArray = fault_table(scenario.sensor_faults)
+        self.sniffers: StateArray | None = np.zeros((n_envs, n_uavs), SNIFFER) if self.smells else None
+        self.response: StateArray | None = self.sensor.response() if self.smells else None
+        self.faults: StateArray | None = fault_table(scenario.sensor_faults) if scenario.sensor_faults else None
         self.winds: FloatArray = (  # (n_envs, n_uavs, 3) m/s at the UAVs; (n_envs, 1, 3) where it is the same for all
             self._wind_state.air.mean[:, None, :] if self.wind.uniform else np.zeros((n_envs, n_uavs, 3))
         )
         self._sees = scenario.range_sensors
+        self.rests = self.tick == 0.0 and self.wind.uniform and self._sees.count == 0  # nothing for `follow` to do
         self.ranges: FloatArray = np.zeros((n_envs, n_uavs, self._sees.count))  # m
         self._range_streams = np.zeros((n_envs, n_uavs), np.uint64)
         self._concentration: FloatArray = np.zeros((n_envs, n_uavs))
@@ -137,7 +138,7 @@ class Surroundings:
         self.wind.begin(self._wind_state, rows, seeds, -lead * self.tick)
         self.plume.begin(self.plume_state, self.scene, rows, seeds)
         self.scene.positions[rows] = _FAR
-        if self.smells:
+        if self.sniffers is not None:
             begin_sniffers(self.sniffers, rows, seeds)
         if self._sees.count:
             begin_range_streams(self._range_streams, rows, seeds)
@@ -152,7 +153,7 @@ class Surroundings:
         """Bring air, plume and sensors of the worlds of `stepping` (n_envs,) to their clocks, after a flight."""
         if self.tick > 0.0:
             self._go_on(stepping, np.ascontiguousarray(episode["clock"]), motion)
-            if self.wind.changes:
+            if self._wind_changes:
                 episode["wind"] = self.scene.air.mean
         if not self.wind.uniform:
             local_winds(self.scene.air, motion["position"], self.winds)
@@ -160,10 +161,12 @@ class Surroundings:
             self._look(stepping, motion)
 
     def _look(self, stepping: BoolArray, motion: StateArray) -> None:
+        """What the range sensors of UAVs that decide now see; those in flight will look where they arrive."""
         scene, longest, seen = self.scene, self._sees.range, np.empty_like(self.ranges)
+        looking = stepping[:, None] & motion["active"] & motion["ready"]
         range_readings(scene.geometry, scene.area, motion["position"], self._sees.count, longest, seen)
-        add_range_noise(self._range_streams, stepping, self._sees.noise, longest, seen)
-        self.ranges[stepping] = seen[stepping]
+        add_range_noise(self._range_streams, looking, self._sees.noise, longest, seen)
+        self.ranges[looking] = seen[looking]
 
     def go_on(self, seconds: float) -> None:
         """Let air and plume of all worlds go on for `seconds`, without anybody in them."""
@@ -175,20 +178,22 @@ class Surroundings:
     def _go_on(self, stepping: BoolArray, until: FloatArray, motion: StateArray | None = None) -> None:
         due, times, scene = self._due, self._times, self.scene
         while _next_ticks(stepping, until, self.tick, self._ticks, due, times):
-            if self.wind.changes:
+            if self._wind_changes:
                 self.wind.advance(self._wind_state, due, times, self.tick)
             if motion is not None:
                 _whereabouts(motion, until, due, times, self.tick, self._sensor_period, self._period,
                              scene.positions, self._gives, self._sampling)  # fmt: skip
             self.plume.advance(self.plume_state, scene, due)
-            if motion is not None and self.smells:
+            if motion is not None and self.sniffers is not None and self.response is not None:
                 self.plume.read(self.plume_state, scene, scene.positions, due, self._concentration)
                 sniff(self.sniffers, self.response, due, self._gives, self._sampling, self.tick, self._concentration)
 
-    def read_rates(self, motion: StateArray, stepping: BoolArray, rates: FloatArray) -> None:
-        """The hit rates, 1/s, at the UAVs now, into `rates` (n_envs, n_uavs); nothing for concentration sensors."""
+    def read_rates(self, positions: FloatArray, stepping: BoolArray, rates: FloatArray) -> None:
+        """The hit rates, 1/s, at the UAVs' `positions`, into `rates` (n_envs, n_uavs); nothing for sensors of
+        concentration.
+        """
         if not self.smells:
-            self.plume.read(self.plume_state, self.scene, motion["position"], stepping, rates)
+            self.plume.read(self.plume_state, self.scene, positions, stepping, rates)
 
     def reading(self, env: int, points: FloatArray) -> FloatArray:
         """The plume's present mean reading in world `env` at `points` (.., 3) m; shape (..)."""

@@ -112,6 +112,7 @@ class World:
         return Block(
             rules=self._rules,
             motion=self.motion,
+            positions=self.motion["position"],
             ledger=self.ledger,
             senses=self.senses,
             episode=self.episode,
@@ -204,8 +205,7 @@ class World:
         nothing = np.empty((0, 3))
         team_region = nothing if team.region is None else np.array(team.region)
         source_region = nothing if sources.region is None else np.array(sources.region)
-        geometry = self.scenario.arena.geometry
-        draw_places(seeds, team_region, source_region, sources.minimum_distance, geometry, starts, places)
+        draw_places(seeds, team_region, source_region, sources.minimum_distance, self._rules.geometry, starts, places)
         self.source_position[rows] = places
         self.motion["position"][rows] = starts
 

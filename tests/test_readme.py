@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 import osl_env
 from baselines import policy
@@ -16,7 +17,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 README = (REPOSITORY / "README.md").read_text(encoding="utf-8")
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 YAML = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
-COMMANDS = re.findall(r"^(osl (?:run|bench|reproduce|list).*?)(?:\s+#.*)?$", README, re.MULTILINE)
+COMMANDS = re.findall(r"^(osl (?:run|bench|reproduce|list|plume).*?)(?:\s+#.*)?$", README, re.MULTILINE)
 
 
 @pytest.mark.parametrize("code", PYTHON, ids=[f"block {i}" for i in range(len(PYTHON))])
@@ -37,8 +38,10 @@ def test_scenario_file_loads(text: str, tmp_path: Path) -> None:
     path.write_text(text)
     scenario = osl_env.load_scenario(path)
     assert scenario.name == "mine"
-    assert scenario.team.n_uavs == 5
-    assert scenario.ending.time_limit == 900.0
+    given = yaml.safe_load(text)
+    assert scenario.hash != osl_env.load_scenario(given["base"]).hash
+    if "ending" in given:
+        assert scenario.ending.time_limit == 900.0  # 15 min
 
 
 def test_commands_are_understood() -> None:

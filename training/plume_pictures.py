@@ -26,7 +26,8 @@ from training.records import write_bytes
 _SHADES = 140  # along the longer side of a slice
 _ARROWS = 14  # along the longer side
 _DECADES = 4
-_SOURCE_COLOUR, _START_COLOUR, _WIND_COLOUR, _SOLID_COLOUR = "#d62728", "#0072B2", "#33669e", "#8c8c8c"
+_SOURCE_COLOUR, _START_COLOUR, _WIND_COLOUR = "#d62728", "#0072B2", "#33669e"
+_WIND_ON_SPEED_COLOUR = "#ffffff"  # arrows over the shades of a speed
 _ANIMATION_DPI = 80
 _WIDE, _HIGH, _MARGIN = 6.5, 6.0, 0.7  # inches: widest and highest panel, room for labels
 _FLATTEST = 0.15  # height over length of the upright slice, below which its heights are drawn larger
@@ -122,8 +123,9 @@ class Panel:
         speed = max(speed, 1.5 * float(np.linalg.norm(subject.winds(places), axis=-1).mean()), 1e-3)
         u, v = self._arrow_sides()
         self.arrows = self.axes.quiver(
-            a, b, u, v, angles="xy", scale_units="xy", scale=speed / length, pivot="middle", color=_WIND_COLOUR,
-            width=0.0025 if not subject.uniform_wind else 0.005, alpha=0.8, zorder=3,
+            a, b, u, v, angles="xy", scale_units="xy", scale=speed / length, pivot="middle",
+            color=_WIND_ON_SPEED_COLOUR if subject.unit == "m/s" else _WIND_COLOUR,
+            units="inches", width=0.016 if not subject.uniform_wind else 0.032, alpha=0.8, zorder=3,
         )  # fmt: skip
 
     def _clear_corner(self) -> tuple[FloatArray, FloatArray]:

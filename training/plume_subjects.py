@@ -189,7 +189,8 @@ def find_field(name: str) -> Field | None:
     """The field that `name` means: a path of an .npz file, or a shipped field's name with .npz behind it or not."""
     path = Path(name)
     if path.suffix == ".npz":
-        return load_field(path.stem if not path.is_file() and str(path.parent) == "." else name)
+        shipped = str(path.parent) == "." and not path.exists() and path.stem in field_names()
+        return load_field(path.stem if shipped else name)
     return load_field(name) if name in field_names() else None
 
 

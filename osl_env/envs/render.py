@@ -8,11 +8,13 @@ source, which no observation does.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from osl_env.geometry import SOLID
 from osl_env.parameters import FloatArray
 from osl_env.world import World
 
@@ -23,6 +25,9 @@ _LOG_RATE_SHOWN = (-3.0, 0.5)  # decades of the hit rate, 1/s, that the slices s
 _DECADES_SHOWN = 3.0  # of a concentration, below its largest value in the horizontal slice
 _SLICE_POINTS = 60  # along the longer side
 _SOURCE_COLOUR = "#d62728"
+_MAX_NAMED = 8  # UAVs with lines of their own in the legend: more would cover the scene
+_MAX_BLOCKS = 400  # of solid cells that are drawn: each takes about a millisecond
+_TICKS = 8  # intervals along the longest side, of which at most 6 are shown: a flat box has room for one upwards
 
 
 class TrackRecorder:
@@ -53,6 +58,7 @@ class TrackRecorder:
     def figure(self, particles: FloatArray | None = None, size: tuple[int, int] = (800, 500)) -> Figure:
         """The scene as a matplotlib figure of `size` (width, height) pixels."""
         from matplotlib.figure import Figure
+        from matplotlib.ticker import MaxNLocator
 
         figure = Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100)
         axes: Any = figure.add_axes((0.02, -0.04, 0.84, 1.06), projection="3d", computed_zorder=False)
@@ -60,7 +66,10 @@ class TrackRecorder:
         axes.set(
             xlim=(0, area[0]), ylim=(0, area[1]), zlim=(0, area[2]), xlabel="x (m)", ylabel="y (m)", zlabel="z (m)"
         )
-        axes.set_box_aspect(area, zoom=1.08)
+        axes.set_box_aspect(area, zoom=1.0)
+        for axis, side in zip((axes.xaxis, axes.yaxis, axes.zaxis), area, strict=True):
+            bins = max(1, min(6, round(_TICKS * side / max(area))))
+            axis.set_major_locator(MaxNLocator(bins, steps=[1, 2, 2.5, 5, 10]))
         axes.view_init(elev=28, azim=-58)
         self._draw_plume(axes, figure)
         self._draw_obstacles(axes)
@@ -108,7 +117,11 @@ class TrackRecorder:
 
     def _draw_obstacles(self, axes: Any) -> None:
         geometry = self.world.scenario.arena.geometry
-        for x0, y0, z0, x1, y1, z1 in geometry.boxes:
+        cells = [
+            np.concatenate([geometry.origin + geometry.spacing * low, geometry.origin + geometry.spacing * high])
+            for low, high in _blocks(geometry.cells == SOLID)
+        ]
+        for x0, y0, z0, x1, y1, z1 in [*geometry.boxes, *cells]:
             axes.bar3d(x0, y0, z0, x1 - x0, y1 - y0, z1 - z0, color="#888888", alpha=0.5, zorder=2)
         for x, y, radius, bottom, top in geometry.cylinders:
             angle, height = np.meshgrid(np.linspace(0, 2 * np.pi, 25), [bottom, top])
@@ -128,14 +141,38 @@ class TrackRecorder:
 
     def _draw_tracks(self, axes: Any) -> None:
         tracks, readings = np.stack(self.positions, axis=1), np.stack(self.readings, axis=1)
+        sensor = self.world.scenario.gas_sensor
+        threshold = float(getattr(sensor, "threshold", 0.0)) if sensor.reports == "concentration" else 0.0
+        detection_label: str | None = "detections"
         for i, (track, reading) in enumerate(zip(tracks, readings, strict=True)):
             colour = f"C{i % 10}"
-            axes.plot(*track.T, color=colour, linewidth=1.0, alpha=0.8, label=f"UAV {i}", zorder=4)
+            label = f"UAV {i}" if len(tracks) <= _MAX_NAMED else "UAVs" if i == 0 else None
+            axes.plot(*track.T, color=colour, linewidth=1.0, alpha=0.8, label=label, zorder=4)
             axes.scatter(*track[-1], color=colour, marker="o", s=40, edgecolors="black", zorder=6)
-            detected = reading > 0
+            detected = reading > threshold
             if detected.any():
-                hits = np.minimum(reading[detected], 10)
+                strength = np.minimum(reading[detected] / (2 * sensor.scale), 1.0)
                 axes.scatter(
-                    *track[detected].T, c=hits, cmap="autumn_r", vmin=0, vmax=10, s=12 + 4 * hits, edgecolors="black",
-                    linewidths=0.4, zorder=5, label="detections" if i == 0 else None,
+                    *track[detected].T, c=strength, cmap="autumn_r", vmin=0, vmax=1, s=12 + 40 * strength,
+                    edgecolors="black", linewidths=0.4, zorder=5, label=detection_label,
                 )  # fmt: skip
+                detection_label = None
+
+
+def _blocks(solid: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Boxes of cells, low (3,) and high (3,) index, that fill `solid` (nx, ny, nz) without overlap."""
+    left = solid.copy()
+    for _ in range(_MAX_BLOCKS):
+        if not left.any():
+            return
+        low = np.array(np.unravel_index(int(left.argmax()), left.shape))
+        high = low + 1
+        for axis in range(3):
+            while high[axis] < left.shape[axis]:
+                layer = [slice(a, b) for a, b in zip(low, high, strict=True)]
+                layer[axis] = slice(high[axis], high[axis] + 1)
+                if not left[tuple(layer)].all():
+                    break
+                high[axis] += 1
+        left[tuple(slice(a, b) for a, b in zip(low, high, strict=True))] = False
+        yield low, high

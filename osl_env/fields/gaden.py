@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -222,7 +224,7 @@ def export_gaden(field: Field, folder: str | Path) -> None:
 
     Frame i is wind i and result i; GADEN's wind and save steps must be the field's interval. A result holds the
     concentration, of a source at the first place in the card. Raises InputError if the cells are not cubes, the unit
-    is not ppm, or the folder cannot be written or is not empty.
+    is not ppm, or the folder cannot be written or is not empty. What stops it midway leaves nothing behind.
     """
     root = Path(folder)
     cell = float(field.spacing[0])
@@ -236,17 +238,32 @@ def export_gaden(field: Field, folder: str | Path) -> None:
         root.mkdir(parents=True, exist_ok=True)
         if any(root.iterdir()):
             raise InputError(f"{root}: is not empty; expected a new folder")
-        write_occupancy(root / _OCCUPANCY, occupancy)
-        if field.wind is not None:
-            (root / "wind").mkdir()
-            for k, air in enumerate(field.wind):
-                write_wind(root / "wind" / f"wind_iteration_{k}", air)
-        if field.concentration is not None:
-            (root / "result").mkdir()
-            for k in range(field.n_frames):
-                write_result(root / "result" / f"iteration_{k}", _result(field, occupancy, k))
+        with _whole_or_nothing(root):
+            write_occupancy(root / _OCCUPANCY, occupancy)
+            if field.wind is not None:
+                (root / "wind").mkdir()
+                for k, air in enumerate(field.wind):
+                    write_wind(root / "wind" / f"wind_iteration_{k}", air)
+            if field.concentration is not None:
+                (root / "result").mkdir()
+                for k in range(field.n_frames):
+                    write_result(root / "result" / f"iteration_{k}", _result(field, occupancy, k))
     except OSError as error:
         raise InputError(f"{root}: cannot be written ({error.strerror})") from None
+
+
+@contextmanager
+def _whole_or_nothing(root: Path) -> Iterator[None]:
+    """Remove what was written to `root`, which was empty, if the writing fails or is stopped."""
+    try:
+        yield
+    except BaseException:
+        for part in root.iterdir():
+            if part.is_dir():
+                shutil.rmtree(part, ignore_errors=True)
+            else:
+                part.unlink(missing_ok=True)
+        raise
 
 
 def _result(field: Field, occupancy: Occupancy, frame: int) -> GadenResult:

@@ -102,8 +102,9 @@ def save_field(field: Field, path: str | Path, *, wind_step: float = 0.01, manti
         write_arrays(partial, {"header": np.frombuffer(header, np.uint8)} | arrays)
         os.replace(partial, path)
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _header(field: Field, packings: dict[str, Packing | None]) -> Header:

@@ -75,7 +75,7 @@ def sample(m: Any, s: Any, episode: Any, c: Any, rate: float, faults: Any, uav: 
     else:
         s.gas_stream, hits = poisson(s.gas_stream, rate * duration)
     count = float(hits)
-    if faults.size > 0:
+    if faults is not None:
         count = faulty_reading(faults, uav, episode.clock, count, s.reading, s.gas_stream)
         count = math.floor(max(count, 0.0) + 0.5)
     s.reading = count

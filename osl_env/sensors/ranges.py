@@ -36,19 +36,17 @@ def begin_range_streams(streams: NDArray[np.uint64], rows: IntArray, seeds: IntA
 
 @njit(cache=True, error_model="numpy")
 def add_range_noise(
-    streams: NDArray[np.uint64], due: BoolArray, noise: float, longest: float, distances: FloatArray
+    streams: NDArray[np.uint64], looking: BoolArray, noise: float, longest: float, distances: FloatArray
 ) -> None:
-    """Add `noise`, m, to the true `distances` (n_envs, n_uavs, n_rays), m, in the worlds of `due` (n_envs,).
+    """Add `noise`, m, to the true `distances` (n_envs, n_uavs, n_rays), m, of the UAVs of `looking` (n_envs, n_uavs).
 
     Every ray costs a draw, so that what one meets does not change the noise of the others.
     """
     if noise <= 0.0:
         return
     for e in range(streams.shape[0]):
-        if not due[e]:
-            continue
         for i in range(streams.shape[1]):
-            for k in range(distances.shape[2]):
+            for k in range(distances.shape[2] if looking[e, i] else 0):
                 streams[e, i], draw = normal(streams[e, i])
                 if distances[e, i, k] < longest:
                     distances[e, i, k] = min(max(distances[e, i, k] + noise * draw, 0.0), longest)

@@ -123,7 +123,7 @@ def sample_concentration(
         counted = reading if reading > threshold else 0.0
         threshold, limit = 0.0, response.max_count
         reading = min(math.floor(counted * duration / response.count_unit + dither), limit)
-    if faults.size > 0:
+    if faults is not None:
         reading = faulty_reading(faults, uav, episode.clock, reading, s.reading, sniffer.stream)
         if response.count_unit > 0.0:
             reading = math.floor(reading + 0.5)

@@ -1,4 +1,4 @@
-"""One table of speed and memory: figure, target, and ratios. `python tests/benchmarks/compare.py` (about a minute).
+"""One table of speed and memory: figure, target, and ratios. `python tests/benchmarks/compare.py` (some minutes).
 
 A ratio above 1 is better than the target (or than the other code). Times are the least of many on one core, measured
 in one run; compare ratios, not machines.
@@ -10,7 +10,9 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from workloads import RIVALS, WORKLOADS, Workload, bytes_per_agent, seconds_a_call
+from all_workloads import ALL_WORKLOADS
+from workloads import RIVALS, Workload, bytes_per_agent, seconds_a_call
+from workloads_filament import LONG, SHORT, bytes_per_filament
 
 SCALE = ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"))
 OTHERS = {  # ours -> the other code that does the comparable thing
@@ -36,7 +38,7 @@ def ratio(value: float, other: float | None, unit: str) -> str:
 
 
 def line(*cells: str) -> None:
-    print("{:<36} {:>12} {:>12} {:>7} {:>9}".format(*cells).rstrip())
+    print("{:<40} {:>12} {:>12} {:>7} {:>9}".format(*cells).rstrip())
 
 
 def measured(workload: Workload) -> float:
@@ -54,12 +56,15 @@ def main() -> None:
     for name, workload in RIVALS.items():
         rivals[name] = measured(workload)
         show(name, rivals[name], workload.unit, None)
-    for name, workload in WORKLOADS.items():
-        value = measured(workload)
+    values: dict[str, float] = {}
+    for name, workload in ALL_WORKLOADS.items():
+        values[name] = value = measured(workload)
         if name.startswith("200 runs"):
             value *= 10  # 20 runs were timed
         show(name, value, workload.unit, workload.target, rivals.get(OTHERS.get(name, "")))
+    show("a reading, 10 x filaments and length", values[LONG] / values[SHORT], "", 10.0)  # times the time: below 10
     show("memory of an agent", bytes_per_agent(), "B", 1000.0)
+    show("memory of a filament", bytes_per_filament(), "B", 40.0)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,16 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from workloads import WORKLOADS, bytes_per_agent
+from all_workloads import ALL_WORKLOADS
+from workloads import bytes_per_agent
+from workloads_filament import bytes_per_filament
 
 SLOW = ("200 runs", "import", "PPO")  # measured once: a call takes seconds
 
 
-@pytest.mark.parametrize("name", WORKLOADS)
+@pytest.mark.parametrize("name", ALL_WORKLOADS)
 def test_speed(benchmark: Any, name: str) -> None:
-    workload = WORKLOADS[name]
+    workload = ALL_WORKLOADS[name]
     call = workload.prepare()
     if benchmark.enabled:
         call()  # compiles
@@ -30,3 +32,7 @@ def test_speed(benchmark: Any, name: str) -> None:
 
 def test_memory_of_an_agent() -> None:
     assert bytes_per_agent() < 1000  # the limit; not a time, so it may be asserted
+
+
+def test_memory_of_a_filament() -> None:
+    assert bytes_per_filament() <= 40

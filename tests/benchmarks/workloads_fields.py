@@ -76,7 +76,7 @@ def playing(n_envs: int) -> Workload:
     return Workload(prepare, "s", n_envs)
 
 
-WORKLOADS = {
+WORKLOADS_FIELDS = {
     "field of 4x6 m, load": loading(),
     "field, a tick and a reading, 1 world": playing(1),
     "field, a tick and a reading, 256 worlds": playing(256),

@@ -14,20 +14,23 @@ from osl_env.plumes.base import Scene
 from osl_env.plumes.filament import FilamentPlume
 
 AREA = (100.0, 60.0, 30.0)
+LONG_AREA = (910.0, 60.0, 30.0)  # in which the plume is 900 m long, not 90 m
 THOUSAND = 11.5  # filaments/s that are 1000 in the arena at once
 WORLDS = 256
 
 
-def developed(n_envs: int, rate: float, ticks: int = 260) -> tuple[FilamentPlume, Any, Scene, Any]:
+def developed(
+    n_envs: int, rate: float, area: tuple[float, float, float] = AREA
+) -> tuple[FilamentPlume, Any, Scene, Any]:
     """A plume in a wind of 1 m/s that has filled the arena; the model, its state, the scene, and all worlds due."""
-    plume = FilamentPlume(filament_rate=rate)
+    plume = FilamentPlume(filament_rate=rate, max_age=1.5 * area[0])
     air = uniform_air(n_envs)
     air.mean[:, 0] = 1.0
     sources = np.tile((10.0, 30.0, 15.0), (n_envs, 1, 1))
-    scene = Scene(sources, np.ones((n_envs, 1)), air, open_air(), np.array(AREA), np.zeros((n_envs, 3, 3)))
-    state, due = plume.allocate(n_envs, 1, Arena(size=AREA)), np.ones(n_envs, bool)
+    scene = Scene(sources, np.ones((n_envs, 1)), air, open_air(), np.array(area), np.zeros((n_envs, 3, 3)))
+    state, due = plume.allocate(n_envs, 1, Arena(size=area)), np.ones(n_envs, bool)
     plume.begin(state, scene, np.arange(n_envs), np.arange(n_envs))
-    for _ in range(ticks):
+    for _ in range(int(2.6 * area[0])):
         plume.advance(state, scene, due)
     return plume, state, scene, due
 
@@ -42,10 +45,10 @@ def update_of_many_worlds() -> Call:
     return lambda: plume.advance(state, scene, due)
 
 
-def readings(rate: float) -> Call:
+def readings(rate: float, area: tuple[float, float, float] = AREA) -> Call:
     """100 readings at random places of the plume's box."""
-    plume, state, scene, due = developed(1, rate)
-    places = np.random.default_rng(0).uniform((10.0, 20.0, 5.0), (100.0, 40.0, 25.0), (1, 100, 3))
+    plume, state, scene, due = developed(1, rate, area)
+    places = np.random.default_rng(0).uniform((10.0, 20.0, 5.0), (area[0], 40.0, 25.0), (1, 100, 3))
     out = np.empty((1, 100))
     return lambda: plume.read(state, scene, places, due, out)
 
@@ -62,9 +65,11 @@ def bytes_per_filament() -> float:
     return float(sum(array.nbytes for array in state)) / state.bodies.shape[2] + keys_order_and_cells
 
 
+SHORT, LONG = "filaments: 100 readings of 1000", "filaments: 100 readings of 10,000*"  # * in a 10 x longer plume
 WORKLOADS_FILAMENT = {
     "filaments: update of 1000": Workload(update, "s", 1, 20e-6),
-    "filaments: 100 readings of 1000": Workload(lambda: readings(THOUSAND), "s", 1, 40e-6),
-    "filaments: 100 readings of 16000": Workload(lambda: readings(16 * THOUSAND), "s", 1),
+    SHORT: Workload(lambda: readings(THOUSAND), "s", 1, 40e-6),
+    LONG: Workload(lambda: readings(THOUSAND, LONG_AREA), "s", 1),
+    "filaments: 100 readings of 16,000": Workload(lambda: readings(16 * THOUSAND), "s", 1),
     "filaments: 256 worlds, a filament": Workload(update_of_many_worlds, "s", WORLDS * 4500, 10e-9),
 }

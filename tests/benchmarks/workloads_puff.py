@@ -65,7 +65,7 @@ def tick_and_reading(n_envs: int) -> Workload:
     return Workload(prepare, "1/s", n_envs)
 
 
-WORKLOADS = {
+WORKLOADS_PUFF = {
     "puffs, 1 h at 1000 receptors": hour_at_receptors(1000),
     "puffs, 1 h at 8 receptors": hour_at_receptors(8),
     "puffs, tick and reading, 1 world": tick_and_reading(1),

@@ -167,12 +167,12 @@ def test_range_noise_spares_what_is_out_of_range_and_does_not_depend_on_it() -> 
     n, longest, noise = 2000, 4.0, 0.1
     streams = np.zeros((n, 2), np.uint64)
     begin_range_streams(streams, np.arange(n), np.arange(n))
-    again, due = streams.copy(), np.ones(n, np.bool_)
-    due[0] = False
+    again, looking = streams.copy(), np.ones((n, 2), np.bool_)
+    looking[0] = False
     near, mixed = np.full((n, 2, 3), 2.0), np.full((n, 2, 3), 2.0)
     mixed[:, :, 1] = longest
-    add_range_noise(streams, due, noise, longest, near)
-    add_range_noise(again, due, noise, longest, mixed)
+    add_range_noise(streams, looking, noise, longest, near)
+    add_range_noise(again, looking, noise, longest, mixed)
     assert np.all(near[0] == 2.0)
     assert np.all(mixed[:, :, 1] == longest)
     assert np.array_equal(mixed[:, :, ::2], near[:, :, ::2])
@@ -181,7 +181,7 @@ def test_range_noise_spares_what_is_out_of_range_and_does_not_depend_on_it() -> 
     assert abs(errors.std() - noise) < SIGMAS * noise / math.sqrt(2 * errors.size)
     edge = np.full((n, 2, 3), 0.01)
     edge[:, :, 0] = longest - 0.01
-    add_range_noise(streams, due, noise, longest, edge)
+    add_range_noise(streams, looking, noise, longest, edge)
     assert edge.min() == 0.0
     assert edge.max() == longest
 

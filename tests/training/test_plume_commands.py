@@ -204,13 +204,28 @@ def test_export_writes_fields_tables_and_gaden(empty_folder: Path, capsys: pytes
     assert main(["plume", "export", "small.npz", "--format", "png", "--output", "a.png"]) == 0
     assert main(["plume", "export", "small.npz", "--format", "gaden"]) == 0
     assert (empty_folder / "results/plumes/small-gaden/OccupancyGrid3D.csv").is_file()
-    assert len(capsys.readouterr().out.splitlines()) == 4
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == 5
+    assert said[-1].endswith("osl plume import results/plumes/small-gaden --step 1")
     assert main(["plume", "import", "results/plumes/small-gaden", "--output", "back.npz", "--step", "1"]) == 0
     assert capsys.readouterr().out.startswith("gaden: 4 frames, 6 x 4 x 2 cells")
     back = read_field("back.npz")
     assert back.concentration is not None
     assert back.times.tolist() == [0.0, 1.0, 2.0, 3.0]
     np.testing.assert_allclose(back.concentration, small_field().concentration, rtol=2e-3)  # a field file rounds
+
+
+@pytest.mark.parametrize("kind", ["npz", "gaden"])
+def test_a_stopped_export_leaves_nothing(kind: str, empty_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def write_some_and_stop(path: Path, *_: Any) -> None:
+        path.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    writer = "osl_env.fields.storage.write_arrays" if kind == "npz" else "osl_env.fields.gaden.write_result"
+    monkeypatch.setattr(writer, write_some_and_stop)
+    words = ["plume", "export", "gaden-60x60x30", "--seconds", "1", "--spacing", "10", "--format", kind]
+    assert main([*words, "--output", f"stopped.{kind}"]) == 130
+    assert [path for path in empty_folder.rglob("*") if path.is_file()] == []
 
 
 def test_names(empty_folder: Path) -> None:
@@ -231,11 +246,12 @@ BAD = [
     (["plume", "draw", RATE], "draw"),
     (["plume", "show"], "NAME"),
     (["plume", "show", "rate-60x60"], f"did you mean '{RATE}'"),
-    (["plume", "show", "nothing.npz"], "nothing"),
+    (["plume", "show", "nothing.npz"], "nothing.npz: cannot be read (No such file or directory)"),
     (["plume", "show", "nothing.yaml"], "nothing.yaml"),
     (["plume", "show", "bad.npz"], "bad.npz"),
     (["plume", "show", RATE, "--seconds", "-1"], "--seconds -1: must be above 0"),
     (["plume", "show", RATE, "--seconds", "nan"], "--seconds nan"),
+    (["plume", "show", RATE, "--seconds", "1e9"], "--seconds 1e+09: must be at most 86400"),
     (["plume", "show", RATE, "--fps", "0"], "--fps 0"),
     (["plume", "show", RATE, "--frames", "0"], "--frames 0"),
     (["plume", "show", RATE, "--frames", "100000"], "at most"),
@@ -245,6 +261,7 @@ BAD = [
     (["plume", "stats", RATE, "--interval", "0"], "--interval 0"),
     (["plume", "stats", RATE, "--interval", "500"], "--interval 500"),
     (["plume", "import", "nowhere"], "nowhere: no such folder"),
+    (["plume", "import", "bad.npz"], "bad.npz: is a file; expected the folder"),
     (["plume", "import", "empty"], "neither an OpenFOAM case"),
     (["plume", "import", "empty", "--format", "fluent"], "fluent"),
     (["plume", "import", "empty", "--step", "0"], "--step 0: must be above 0"),
@@ -254,7 +271,9 @@ BAD = [
     (["plume", "import", "empty", "--format", "openfoam"], "empty"),
     (["plume", "export", RATE, "--spacing", "0.01"], "GiB"),
     (["plume", "export", RATE, "--spacing", "inf"], "--spacing inf"),
+    (["plume", "export", RATE, "--seconds", "1e9"], "--seconds 1e+09: must be from 0 to 86400"),
     (["plume", "export", RATE, "--format", "gaden"], "ppm"),
+    (["plume", "export", "tunnel-a", "--format", "gaden", "--output", "."], ".: is not an empty folder"),
     (["plume", "export", RATE, "--format", "csv", "--output", "a.npz"], "suffix must be .csv"),
 ]
 

@@ -30,7 +30,7 @@ class Show:
     """Draw a plume: slices through its source as a picture (.png) and an animation (.gif)."""
 
     name: Name
-    """a scenario, or a field: a name from `osl list`, a YAML or an .npz file"""
+    """a scenario, or a field: a name from `osl list` (NAME.npz: the field of that name), a YAML or an .npz file"""
     seconds: OptionalSeconds = None
     """that the animation covers; by default the wind's way through the area"""
     frames: Count = 60

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,6 +12,7 @@ import tyro
 from osl_env.errors import InputError
 from training.commands.options import Count, Pairs, print_json
 from training.commands.plume_options import (
+    LONGEST,
     Name,
     OptionalMetres,
     OptionalSeconds,
@@ -54,7 +55,8 @@ class Import:
 
         check_times(spacing=self.spacing, step=self.step)
         if not self.path.is_dir():
-            raise InputError(f"{self.path}: no such folder")
+            found = "is a file; expected the folder of a simulation" if self.path.exists() else "no such folder"
+            raise InputError(f"{self.path}: {found}")
         kind = _format_of(self.path) if self.format == "auto" else self.format
         target = self.output or Path("results") / "fields" / f"{self.path.resolve().name}.npz"
         check_output(target, (".npz",))
@@ -112,29 +114,33 @@ class Export:
     def execute(self) -> None:
         """Simulate and write. Raises InputError for any bad argument before anything is simulated."""
         check_times(interval=self.interval, spacing=self.spacing)
-        if self.seconds is not None and not 0 <= self.seconds < math.inf:
-            raise InputError(f"--seconds {self.seconds:g}: must not be below 0")
+        if self.seconds is not None and not 0 <= self.seconds <= LONGEST:
+            raise InputError(f"--seconds {self.seconds:g}: must be from 0 to {LONGEST:g}")
         subject = named_subject(self.name, self.seed, self.set)
         if self.format == "gaden" and subject.unit not in ("ppm", "m/s"):
             raise InputError(f"--format gaden: GADEN's gas is in ppm, and {subject.name} is in {subject.unit}")
         target = self.output or Path("results") / "plumes" / _file_name(Path(self.name).stem, self.format)
-        from training.records import check_output, make_folder
+        from training.records import check_output
 
         if self.format == "gaden":
-            make_folder(target)
+            _check_new_folder(target)
         else:
             check_output(target, (f".{self.format}",))
-        self._write(subject, target)
+        field = self._write(subject, target)
         say_written([target], self.json)
+        if self.format == "gaden" and field is not None and field.n_frames > 1 and not self.json:
+            step = f"{field.times[1] - field.times[0]:g}"
+            print(f"GADEN's files do not say times: its steps are {step} s; osl plume import {target} --step {step}")
 
-    def _write(self, subject: Subject, target: Path) -> None:
+    def _write(self, subject: Subject, target: Path) -> Field | None:
+        """Write it; the field, where one was written."""
         if self.format == "png":
             from training.figures import save
             from training.plume_pictures import Picture
 
             subject.go_on(subject.development)
             save(Picture(subject).figure, target)
-            return
+            return None
         field = self._field(subject)
         if self.format == "npz":
             from osl_env.fields import save_field
@@ -149,6 +155,7 @@ class Export:
             from training.records import write_table
 
             write_table(target, table(field))
+        return field
 
     def _field(self, subject: Subject) -> Field:
         """The field itself, or the recorded simulation."""
@@ -162,6 +169,17 @@ class Export:
         frames = 1 + round(seconds / self.interval) if subject.changes else 1
         with progress_bar(frames, "frame", self.json) as bar:
             return record(subject, seconds, self.interval, self.spacing, bar.update)
+
+
+def _check_new_folder(folder: Path) -> None:
+    """Raise InputError if `folder` holds something, or cannot be made."""
+    from training.records import make_folder
+
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise InputError(f"{folder}: is not an empty folder; expected a new one")
+    make_folder(folder.parent)
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        raise InputError(f"{folder}: cannot be written")
 
 
 def _file_name(name: str, kind: str) -> str:

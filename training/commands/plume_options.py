@@ -29,11 +29,16 @@ def named_subject(name: str, seed: int, changes: Pairs) -> Subject:
     return find_subject(name, check_seed(seed), parse_pairs(changes, "--set"))
 
 
+LONGEST = 86400.0  # s that a command simulates: a day
+
+
 def check_times(**options: float | None) -> None:
-    """Raise InputError for an option that is not above 0 and finite."""
+    """Raise InputError for an option that is not above 0 and finite, or --seconds above a day."""
     for name, value in options.items():
         if value is not None and not 0 < value < math.inf:
             raise InputError(f"--{name} {value:g}: must be above 0 and finite")
+        if name == "seconds" and value is not None and value > LONGEST:
+            raise InputError(f"--seconds {value:g}: must be at most {LONGEST:g}, a day")
 
 
 def progress_bar(total: int, unit: str, silent: bool) -> Any:
