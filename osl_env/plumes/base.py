@@ -78,6 +78,6 @@ class PlumeModel(Parameters):
         Rows of other worlds may be written too, and mean nothing. `positions` may be a strided view.
         """
 
+    @abstractmethod
     def at(self, state: Any, scene: Scene, env: int, points: FloatArray) -> FloatArray:
         """The present reading of world `env` at `points` (.., 3) m; shape (..). For pictures and exports."""
-        raise NotImplementedError

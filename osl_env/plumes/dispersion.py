@@ -19,6 +19,7 @@ meet to about 0.5 % only.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -166,9 +167,9 @@ def _all_sigmas(law: DispersionLaw, distances: FloatArray, ages: FloatArray, out
 class _Dispersion(Parameters):
     """Base of the laws."""
 
+    @abstractmethod
     def law(self) -> DispersionLaw:
         """The law for compiled code."""
-        raise NotImplementedError
 
     def sigmas(self, distance: Any, age: Any = 0.0) -> tuple[FloatArray, FloatArray]:
         """sigma_y and sigma_z, m, after `distance` (..) m and `age` (..) s, which broadcast; each of their shape."""

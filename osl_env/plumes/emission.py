@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 from osl_env.parameters import quantity
 from osl_env.plumes.base import PlumeModel
 
-_GAS_CONSTANT = 8.31446261815324  # J/(mol K)
+GAS_CONSTANT = 8.31446261815324  # J/(mol K)
 
 
 class EmissionPlume(PlumeModel):
@@ -39,4 +39,4 @@ class EmissionPlume(PlumeModel):
         """The release rate in units of the reading times m^3/s."""
         if self.gas_unit == "g/m^3":
             return self.release_rate
-        return 1e6 * self.release_rate * _GAS_CONSTANT * self.temperature / (self.pressure * self.molar_mass)
+        return 1e6 * self.release_rate * GAS_CONSTANT * self.temperature / (self.pressure * self.molar_mass)

@@ -36,13 +36,13 @@ from osl_env.geometry import Geometry
 from osl_env.parameters import FloatArray, quantity
 from osl_env.plumes.base import PlumeModel, Scene
 from osl_env.plumes.downwash import Downwash, no_wake
+from osl_env.plumes.emission import GAS_CONSTANT
 from osl_env.plumes.filament_blocks import AGE, CONTENT, SLOTS, VARIANCE, FilamentState, X, Z, empty_state
 from osl_env.plumes.filament_motion import MERGE, OLDEST, REFUSE, Law, advance_worlds, clear_worlds
 from osl_env.plumes.filament_reading import Optics, optics, read_points, read_worlds
 from osl_env.plumes.filament_walls import ABSORB, OPEN, REFLECT
 from osl_env.state import BoolArray, IntArray
 
-GAS_CONSTANT = 8.31446261815324  # J/(mol K)
 _FLOORS = {"reflect": REFLECT, "absorb": ABSORB, "open": OPEN}
 _POLICIES = {"refuse": REFUSE, "oldest": OLDEST, "merge": MERGE}
 _MOST = 20_000_000  # filaments a world: half a gigabyte
