@@ -7,18 +7,21 @@ once, when the object is made. Unknown keys, NaN, infinities where none are allo
 
 from __future__ import annotations
 
+import difflib
 import functools
 import math
 import re
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from osl_env.errors import InputError
 
+UNKNOWN_KEY: Literal["unknown_key"] = "unknown_key"  # pydantic's type of the error that a key is not a parameter
 FloatArray: TypeAlias = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, float, float]  # x, y, z
 
@@ -90,6 +93,10 @@ class Parameters(BaseModel):
     def _convert_quantities(cls, values: Any) -> Any:
         if not isinstance(values, dict):
             return values
+        for key in values:
+            if key not in cls.model_fields:
+                known = {"key": str(key), "allowed": tuple(cls.model_fields)}
+                raise PydanticCustomError(UNKNOWN_KEY, "unknown key {key}", known)
         converted = dict(values)
         for name, field in cls.model_fields.items():
             extra = field.json_schema_extra
@@ -134,7 +141,13 @@ def one_line(error: ValidationError, where: str | Path = "") -> InputError:
     last = path.rpartition(".")[2]
     if first["type"] == "value_error" and message.startswith((f"{last} = ", f"{last}.")):
         path = path.removesuffix(last).removesuffix(".")  # a validator of the key itself says its name
-    if first["type"] == "extra_forbidden":
+    if first["type"] == UNKNOWN_KEY:
+        key, allowed = first["ctx"]["key"], first["ctx"]["allowed"]
+        near = difflib.get_close_matches(key, allowed, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        full = f"{path}.{key}" if path else key
+        text = f"unknown key {full!r}: {hint}allowed are {', '.join(allowed) or 'none'}"
+    elif first["type"] == "extra_forbidden":
         text = f"unknown key {path!r}"
     elif first["type"] == "value_error":
         text = (

@@ -6,11 +6,13 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 import osl_env
 from baselines import policy
+from osl_env.fields import Field, save_field
 from osl_env.observation import ObservationLayout
 
 REPOSITORY = Path(__file__).resolve().parent.parent
@@ -36,11 +38,16 @@ def test_python_runs(code: str) -> None:
 def test_scenario_file_loads(text: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(text)
+    if "mine.npz" in text:  # as `osl plume import` would have written it
+        solid = np.zeros((20, 15, 3), np.uint8)
+        solid[8, 4:10] = 1
+        field = Field(np.zeros(1), np.full(3, 0.5), np.ones(3), wind=np.ones((1, *solid.shape, 3)), solid=solid)
+        save_field(field, tmp_path / "mine.npz")
     scenario = osl_env.load_scenario(path)
     assert scenario.name == "mine"
     given = yaml.safe_load(text)
     assert scenario.hash != osl_env.load_scenario(given["base"]).hash
-    if "ending" in given:
+    if "time_limit" in given.get("ending", {}):
         assert scenario.ending.time_limit == 900.0  # 15 min
 
 

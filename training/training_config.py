@@ -21,11 +21,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
-from pydantic_core import InitErrorDetails
+from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from osl_env.configuration import config_folder, read_yaml
 from osl_env.errors import InputError
-from osl_env.parameters import Parameters, one_line, quantity
+from osl_env.parameters import UNKNOWN_KEY, Parameters, one_line, quantity
 from osl_env.scenario import Scenario
 from osl_env.scenario_files import load_scenario
 from training.training_blocks import Environment, Network
@@ -224,10 +224,13 @@ def _block(name: str, content: Any, where: str | Path) -> Any:
 
 def _under(name: str, error: ValidationError) -> ValidationError:
     """`error` with all paths below the key `name`."""
-    details = [
-        InitErrorDetails(type=each["type"], loc=(name, *each["loc"]), input=each["input"], ctx=each.get("ctx", {}))
-        for each in error.errors()
-    ]
+    details = []
+    for each in error.errors():
+        context = each.get("ctx", {})
+        kind: str | PydanticCustomError = each["type"]
+        if kind == UNKNOWN_KEY:
+            kind = PydanticCustomError(UNKNOWN_KEY, "unknown key {key}", context)
+        details.append(InitErrorDetails(type=kind, loc=(name, *each["loc"]), input=each["input"], ctx=context))
     return ValidationError.from_exception_data(error.title, details)
 
 

@@ -68,6 +68,10 @@ BAD: dict[tuple[str, str], tuple[str, ...]] = {
     # plumes
     (GADEN, "plume: {kind: smoke}"): ("plume.kind = 'smoke'", "'filament'"),
     (GADEN, "plume: {colour: 1}"): ("unknown key 'plume.colour'",),
+    (GADEN, "plume: filament"): ("plume = 'filament'", "a mapping of keys and values"),
+    (PUFFS, "plume: {dispersion: briggs_urban}"): ("plume.dispersion = 'briggs_urban'", "a mapping"),
+    (GADEN, "wind: {velocity: 1}"): ("wind.velocity = 1", "must be a list"),
+    (GADEN, "wind: {velocity: [1, 0, 0, 0]}"): ("wind.velocity", "at most 3 entries"),
     (GADEN, "plume: {downwash: {weight: 2}}"): ("unknown key 'plume.downwash.weight'",),
     (GADEN, "plume: {capacity: 10}"): ("plume.capacity = 10", "when_full"),
     (GADEN, "plume: {capacity: 10, when_full: merge}"): ("plume.capacity = 10", "at least"),
