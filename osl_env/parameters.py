@@ -93,9 +93,10 @@ class Parameters(BaseModel):
     def _convert_quantities(cls, values: Any) -> Any:
         if not isinstance(values, dict):
             return values
+        allowed = tuple(field.alias or name for name, field in cls.model_fields.items())
         for key in values:
-            if key not in cls.model_fields:
-                known = {"key": str(key), "allowed": tuple(cls.model_fields)}
+            if key not in allowed:
+                known = {"key": str(key), "allowed": allowed}
                 raise PydanticCustomError(UNKNOWN_KEY, "unknown key {key}", known)
         converted = dict(values)
         for name, field in cls.model_fields.items():

@@ -54,7 +54,10 @@ def test_the_wheel_holds_packages_and_configurations_and_nothing_else(wheel: Pat
     trainings = [path.name for path in (REPOSITORY / "configs" / "training").glob("*.yaml")]
     assert trainings
     assert {f"osl_env/configs/training/{name}" for name in trainings} <= set(names)
-    kinds = (".py", ".yaml", ".safetensors", "py.typed", ".js", ".css")
+    fields = [path.name for path in (REPOSITORY / "configs" / "fields").glob("*.npz")]
+    assert fields
+    assert {f"osl_env/configs/fields/{name}" for name in fields} <= set(names)
+    kinds = (".py", ".yaml", ".safetensors", "py.typed", ".js", ".css", ".npz")
     assert not [name for name in names if not name.endswith(kinds) and ".dist-info/" not in name]
     assert [name for name in names if name.endswith("licenses/LICENSE")]
 
