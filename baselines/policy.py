@@ -111,7 +111,6 @@ class Policy(Parameters):
     summary: ClassVar[str] = ""  # one line for `osl list`
     vehicle_commands: ClassVar[Literal["leg", "velocity"]] = "leg"
     plume_quantities: ClassVar[tuple[str, ...]] = ("hit_rate",)  # the kinds of reading that it understands
-    declares_from: ClassVar[tuple[str, ...]] = ("hits", "concentration")  # readings from which it can declare a source
 
     @abstractmethod
     def reset(self, briefing: Briefing) -> None:

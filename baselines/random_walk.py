@@ -56,7 +56,6 @@ class RandomWalk(NearbyParameters, Policy):
     name: ClassVar[str] = "random-walk"
     summary: ClassVar[str] = "seeded random hops; declares where it smells as much as beside a source"
     plume_quantities: ClassVar[tuple[str, ...]] = ("hit_rate", "concentration")
-    declares_from: ClassVar[tuple[str, ...]] = ("hits",)
 
     hop_length: int = quantity(3, "", ge=1)  # grid steps; not more than the scenario's longest
     persistence: float = quantity(0.8, "", ge=0, lt=1)  # probability of keeping the direction at a hop

@@ -156,7 +156,6 @@ class SurgeCast(NearbyParameters, Policy):
     name: ClassVar[str] = "surge-cast"
     summary: ClassVar[str] = "surge upwind on a hit, cast crosswind and vertically when lost"
     plume_quantities: ClassVar[tuple[str, ...]] = ("hit_rate", "concentration")
-    declares_from: ClassVar[tuple[str, ...]] = ("hits",)
 
     surge_step: float = quantity(3.0, "m", gt=0)
     lost_distance: float = quantity(6.0, "m", gt=0)

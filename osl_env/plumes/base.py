@@ -7,6 +7,7 @@ are batched over worlds, and what happens in a world depends on nothing outside 
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
@@ -77,6 +78,13 @@ class PlumeModel(Parameters):
 
         Rows of other worlds may be written too, and mean nothing. `positions` may be a strided view.
         """
+
+    def axis_mean(self, distance: float, speed: float) -> float:
+        """The mean reading on the axis of the steady plume, `distance` m downwind of a source in wind of `speed` m/s.
+
+        In open air, without a floor. Infinite where the model cannot say it.
+        """
+        return math.inf
 
     @abstractmethod
     def at(self, state: Any, scene: Scene, env: int, points: FloatArray) -> FloatArray:

@@ -152,6 +152,11 @@ class FilamentPlume(PlumeModel):
             return self.content / self.molar_mass
         return 1e-6 * self.content * self.air_density
 
+    def axis_mean(self, distance: float, speed: float) -> float:
+        """Q / (2 pi (V sigma0^2 + (s^2 + gamma) x)): a Gaussian plume that begins with the filaments' size."""
+        spread = speed * self.sigma**2 + (self.diffusion**2 + self.growth) * distance
+        return self.filament_rate * self.content / (2.0 * math.pi * spread) if spread > 0.0 else math.inf
+
     def need(self, n_sources: int) -> int:
         """Filaments that a world can hold at most, by rate and max_age."""
         return n_sources * (math.ceil(self.filament_rate * (self.max_age + self.step)) + 2)

@@ -130,6 +130,11 @@ class PseudoGaussianPlume(EmissionPlume):
         _field(points, origins, shares, wind, self.scaled_rate, self._shape, out)
         return out.reshape(np.shape(positions)[:-1])
 
+    def axis_mean(self, distance: float, speed: float) -> float:
+        """Eq 2 on the axis."""
+        wind = np.array([max(speed, self.minimum_speed), 0.0, 0.0])
+        return float(self.field(np.array([distance, 0.0, 0.0]), np.zeros((1, 3)), np.ones(1), wind))
+
     def read(self, state: Any, scene: Scene, positions: FloatArray, due: BoolArray, out: FloatArray) -> None:
         """Concentration at `positions`, into `out`; see `PlumeModel.read`."""
         _read(positions, scene.sources, scene.strengths, scene.air.mean, self.scaled_rate, self._shape, due, out)

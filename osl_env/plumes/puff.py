@@ -124,6 +124,12 @@ class GaussianPuffPlume(EmissionPlume):
                 f" {_MAX_PUFFS} puffs"
             )
 
+    def axis_mean(self, distance: float, speed: float) -> float:
+        """Q / (2 pi V sigma_y sigma_z): the Gaussian plume of dense puffs that do not rise."""
+        wind = max(speed, self.calm_speed)
+        sigma_y, sigma_z = self.dispersion.sigmas(distance, distance / wind)
+        return self.scaled_rate / (2.0 * math.pi * wind * float(sigma_y) * float(sigma_z))
+
     def allocate(self, n_envs: int, n_sources: int, arena: Arena | None = None) -> PuffState:
         """The puffs of `n_envs` worlds, none yet; room for all that there can be."""
         puffs = np.zeros((n_envs, 8, self.releases * n_sources))

@@ -10,15 +10,13 @@ from training import evaluate
 
 PRESETS = [name for name in scenario_names() if not name.endswith("-random")]
 SEARCHERS = [name for name in policy_names() if name not in ("checkpoint", "sb3")]
-FITS_NONE_YET: set[str] = {name for name in PRESETS if name.startswith("tunnel-")}  # a declaration from a concentration
 
 
 def fits(policy: str, preset: str) -> bool:
     """As the classes say it."""
     scenario, searcher = load_scenario(preset), policy_class(policy)
     told = scenario.told_plume.measures if scenario.reports == "hits" else scenario.reports
-    declares = scenario.ending.success == "reach" or scenario.reports in searcher.declares_from
-    return told in searcher.plume_quantities and declares
+    return told in searcher.plume_quantities
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -30,7 +28,7 @@ def test_policies_that_fit_a_preset_fly_it(preset: str) -> None:
         assert record.scenario == preset
         assert record.energy > 0
         assert record.collisions == 0
-    assert bool(flown) != (preset in FITS_NONE_YET)
+    assert {"random-walk", "surge-cast"} <= set(flown)
 
 
 @pytest.mark.parametrize("preset", PRESETS)
