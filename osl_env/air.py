@@ -77,6 +77,13 @@ def air_velocity(air: Any, e: int, x: float, y: float, z: float) -> tuple[float,
 
 
 @njit(cache=True, error_model="numpy")
+def winds_at(air: Air, e: int, points: FloatArray, out: FloatArray) -> None:
+    """The velocity of world `e`'s air at `points` (n, 3), m, into `out` (n, 3), m/s."""
+    for k in range(points.shape[0]):
+        out[k, 0], out[k, 1], out[k, 2] = air_velocity(air, e, points[k, 0], points[k, 1], points[k, 2])
+
+
+@njit(cache=True, error_model="numpy")
 def local_winds(air: Air, positions: FloatArray, out: FloatArray) -> None:
     """The air's velocity at `positions` (n_envs, n_uavs, 3), m, into `out` of the same shape, m/s."""
     for e in range(positions.shape[0]):

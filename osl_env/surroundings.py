@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import njit
 
-from osl_env.air import air_velocity, local_winds
+from osl_env.air import local_winds, winds_at
 from osl_env.geometry import range_readings
 from osl_env.parameters import FloatArray
 from osl_env.plumes.base import PlumeModel, Scene
@@ -203,11 +203,5 @@ class Surroundings:
         """The air's present velocity (.., 3), m/s, in world `env` at `points` (.., 3) m."""
         places = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
         winds = np.empty_like(places)
-        _velocities(self.scene.air, env, places, winds)
+        winds_at(self.scene.air, env, places, winds)
         return winds.reshape(np.shape(points))
-
-
-@njit(cache=True, error_model="numpy")
-def _velocities(air: Any, e: int, points: FloatArray, out: FloatArray) -> None:
-    for k in range(points.shape[0]):
-        out[k, 0], out[k, 1], out[k, 2] = air_velocity(air, e, points[k, 0], points[k, 1], points[k, 2])

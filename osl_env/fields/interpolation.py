@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from osl_env.air import Air, air_velocity
+from osl_env import air
 from osl_env.geometry import SOLID
 from osl_env.parameters import FloatArray
 
@@ -113,13 +113,6 @@ def concentrations_at(
         out[k] = concentration_at(grid, cells, origin, spacing, first, second, blend, x, y, z)
 
 
-@njit(cache=True, error_model="numpy")
-def _winds_at(air: Air, points: FloatArray, out: FloatArray) -> None:
-    for k in range(points.shape[0]):
-        u, v, w = air_velocity(air, 0, points[k, 0], points[k, 1], points[k, 2])
-        out[k, 0], out[k, 1], out[k, 2] = u, v, w
-
-
 def winds_at(
     grid: NDArray[np.float32],
     origin: FloatArray,
@@ -132,4 +125,4 @@ def winds_at(
 ) -> None:
     """The wind of `grid` (n_t, nx, ny, nz, 3), m/s, at `points` (n, 3), m, into `out` (n, 3)."""
     frame = np.array([[first, second]], np.int64)
-    _winds_at(Air(np.zeros((1, 3)), grid, frame, np.array([blend]), origin, spacing), points, out)
+    air.winds_at(air.Air(np.zeros((1, 3)), grid, frame, np.array([blend]), origin, spacing), 0, points, out)
