@@ -24,6 +24,7 @@ lint: $(VENV)/test.stamp
 
 reproduce: $(VENV)/run.stamp
 	$(BIN)/osl reproduce muc-osl all --episodes $(EPISODES)
+	$(BIN)/osl reproduce chemotaxis all
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-only --benchmark-columns=min,median,ops

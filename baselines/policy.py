@@ -16,7 +16,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import entry_points
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from pydantic import ValidationError
@@ -31,6 +31,13 @@ from osl_env.radio import Message, Radio
 from osl_env.scenario import Scenario
 from osl_env.streams import policy_seed
 
+Command: TypeAlias = Literal["leg", "velocity", "setpoint"]
+
+
+def _kind_of(action: str) -> Command:
+    """What a scenario's action asks of a policy: hops and way points are legs."""
+    return "velocity" if action == "velocity" else "setpoint" if action == "setpoint" else "leg"
+
 
 @dataclass(frozen=True, slots=True)
 class Briefing:
@@ -42,6 +49,9 @@ class Briefing:
     start: FloatArray  # (3,) m
     area: FloatArray  # (3,) m: the search volume is [0, Lx] x [0, Ly] x [0, Lz]
     arena: Arena  # the map, obstacles included: the team has it
+    action: Command  # what the policy's actions must be in this scenario
+    decision_period: float  # s, the shortest time between two decisions: of a velocity or setpoint, else one sample
+    lookahead: float  # m: a setpoint farther away is flown to at full speed, and no faster
     step_length: float  # m, grid step of a hop
     hop_lengths: int  # the longest hop, in grid steps (the area's l_max)
     speed: float  # m/s, cruise
@@ -73,6 +83,9 @@ class Briefing:
             start=np.array(start, dtype=np.float64),
             area=np.array(scenario.arena.size, dtype=np.float64),
             arena=scenario.arena,
+            action=_kind_of(scenario.action),
+            decision_period=scenario.decision_time,
+            lookahead=vehicle.lookahead,
             step_length=vehicle.step_length,
             hop_lengths=vehicle.hop_lengths,
             speed=vehicle.speed,
@@ -91,25 +104,36 @@ class Briefing:
 
 
 @dataclass(frozen=True, slots=True)
+class GasMap:
+    """Mean concentrations on a grid of cells."""
+
+    low: FloatArray  # (3,) m, the grid's low corner
+    spacing: FloatArray  # (3,) m, sides of a cell
+    values: FloatArray  # (nx, ny, nz), in the sensor's unit
+
+
+@dataclass(frozen=True, slots=True)
 class Belief:
-    """What a policy believes about the source, for metrics and pictures."""
+    """What a policy believes about the source and the gas, for metrics and pictures."""
 
     mean: FloatArray  # (3,) m
     covariance: FloatArray  # (3, 3) m^2
     particles: FloatArray | None = None  # (n, 3) m
     weights: FloatArray | None = None  # (n,), sum 1
+    gas_map: GasMap | None = None
 
 
 class Policy(Parameters):
     """Base of the policies: frozen parameters (fields) beside private episode state, and the defaults.
 
     A subclass declares its parameters as fields and its state as private attributes (leading underscore) that `reset`
-    sets. `name` is its registered name; `vehicle_commands` says whether it flies legs or gives velocities.
+    sets. `name` is its registered name; `vehicle_commands` says in order of preference what it can command: legs,
+    velocities, setpoints. The first that the scenario's vehicle can fly is flown (`Briefing.action`).
     """
 
     name: ClassVar[str]
     summary: ClassVar[str] = ""  # one line for `osl list`
-    vehicle_commands: ClassVar[Literal["leg", "velocity"]] = "leg"
+    vehicle_commands: ClassVar[tuple[Command, ...]] = ("leg",)
     plume_quantities: ClassVar[tuple[str, ...]] = ("hit_rate",)  # the kinds of reading that it understands
 
     @abstractmethod
@@ -143,6 +167,11 @@ class Policy(Parameters):
         return None
 
     @property
+    def mode(self) -> str:
+        """What the policy is doing at present, in a word, if it works in phases; for pictures and records."""
+        return ""
+
+    @property
     def computed_bits(self) -> float:
         """Bits processed at the last decision (N_c of MUC-OSL eq 7)."""
         return 0.0
@@ -162,6 +191,7 @@ _MODULES: dict[str, str] = {
     "random-walk": "baselines.random_walk",
     "lawnmower": "baselines.lawnmower",
     "surge-cast": "baselines.surge_cast",
+    "chemotaxis": "baselines.chemotaxis.policy",
     "checkpoint": "baselines.learned.policies",
 }
 SHIPPED_CHECKPOINTS = ("rppo-raw", "ppo-belief")  # learned; known where their checkpoint is there

@@ -1,8 +1,8 @@
 """What a UAV can be told to do, in physical units.
 
 `Hop`, `Waypoint` and `Hover` are legs (turn, fly, hover and sample) for the scenario's actions `hop` and `waypoint`;
-`Velocity` holds for one decision period. The views (`osl_env.envs`) translate the numbers that learned agents give
-into the same commands.
+`Velocity` and `Setpoint` hold for one decision period. The views (`osl_env.envs`) translate the numbers that learned
+agents give into the same commands.
 """
 
 from __future__ import annotations
@@ -45,4 +45,10 @@ class Velocity(NamedTuple):
     velocity: FloatArray  # (3,) m/s
 
 
-Action: TypeAlias = Hop | Hover | Waypoint | Velocity
+class Setpoint(NamedTuple):
+    """Steer to `position` for one decision period, sampling all the while."""
+
+    position: FloatArray  # (3,) m
+
+
+Action: TypeAlias = Hop | Hover | Waypoint | Velocity | Setpoint

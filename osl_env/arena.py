@@ -84,7 +84,8 @@ class Arena(Parameters):
     """Bounds of the search volume, 0 <= x <= Lx, 0 <= y <= Ly, 0 <= z <= Lz, and the obstacles inside.
 
     A UAV that runs into an obstacle stops there (`stop`), keeps the part of its velocity along the surface (`slide`;
-    legs are straight, and stop), or is lost (`end`).
+    legs are straight, and stop), or is lost (`end`). UAVs that fly velocities or setpoints are held at the bounds
+    (`hold`), or lost once they are more than `margin` outside (`end`); legs stay inside.
     """
 
     size: Vector = quantity((100.0, 60.0, 30.0), "m")  # Lx, Ly, Lz
@@ -92,6 +93,8 @@ class Arena(Parameters):
     occupancy: str | Occupancy | None = None  # name or path of a field file whose solid cells are obstacles
     collision: Literal["stop", "slide", "end"] = "slide"
     clearance: float = quantity(0.01, "m", gt=0)  # that UAVs keep from surfaces: a UAV's radius
+    bounds: Literal["hold", "end"] = "hold"
+    margin: float = quantity(0.0, "m", ge=0)
 
     @field_validator("size")
     @classmethod

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_env.ending import any_declares, end_at_source, judge, own_places
-from osl_env.flying import fly_hops, fly_velocities, fly_waypoints
+from osl_env.flying import fly_hops, fly_periods, fly_waypoints
+from osl_env.flying_bodies import fly_body_periods
+from osl_env.flying_body_legs import fly_body_legs
+from osl_env.flying_rotorpy import RotorpyFleet
 from osl_env.geometry import Geometry
 from osl_env.parameters import FloatArray
 from osl_env.radio import send_in_range
@@ -33,6 +36,9 @@ class Rules:
     to_all: bool  # and its frames reach everybody at once
     reaching: bool  # success is to reach a source
     shaping: bool  # the shaping term is on
+    frames: StateArray | None  # AIRFRAME (1,) of quadrotors; None: the vehicles have no body
+    rotorpy: RotorpyFleet | None  # flies them instead
+    rotors: StateArray | None  # (1,): their power from thrust; None: powers are measured ones
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +62,7 @@ class Block:
     heard: StateArray
     sent: StateArray
     reach: BoolArray
+    body: FloatArray  # (n_envs, n_uavs, 17), or empty
 
     def hop(self, actions: IntArray, cursor: int) -> None:
         """One step of hops; see `World.step_hops`."""
@@ -72,14 +79,23 @@ class Block:
         """One step of legs; see `World.step_waypoints`."""
         b, rules = self, self.rules
         b.judge(declarations)
-        fly_waypoints(b.motion, b.ledger, b.episode, rules.constants, rules.geometry, b.stepping, targets, samples)
+        if rules.frames is None:
+            fly_waypoints(b.motion, b.ledger, b.episode, rules.constants, rules.geometry, b.stepping, targets, samples)
+        else:
+            fly_body_legs(b.motion, b.ledger, b.episode, rules.constants, rules.geometry, b.body, rules.frames,
+                          rules.rotors, b.surroundings.winds, b.stepping, targets, samples)  # fmt: skip
         b.settle(cursor, is_step=True)
 
-    def fly_with(self, velocities: FloatArray, declarations: FloatArray | None, cursor: int) -> None:
-        """One decision period; see `World.step_velocities`."""
+    def fly_period(self, commands: FloatArray, declarations: FloatArray | None, cursor: int, *, tracks: bool) -> None:
+        """One decision period; see `World.step_velocities` and, if it `tracks`, `World.step_setpoints`."""
         b, rules = self, self.rules
         b.judge(declarations)
-        fly_velocities(b.motion, b.ledger, b.episode, rules.constants, rules.geometry, b.stepping, velocities)
+        if rules.frames is None:
+            fly_periods(b.motion, b.ledger, b.episode, rules.constants, rules.geometry, b.stepping, commands, tracks)
+        else:
+            fly = fly_body_periods if rules.rotorpy is None else rules.rotorpy.fly_periods
+            fly(b.motion, b.ledger, b.episode, rules.constants, rules.geometry, b.body, rules.frames, rules.rotors,
+                b.surroundings.winds, b.stepping, commands, tracks)  # fmt: skip
         b.settle(cursor, is_step=True)
 
     def judge(self, declarations: FloatArray | None) -> None:

@@ -39,12 +39,17 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 
 def merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """`base` with `changes` laid over it, mapping by mapping; a dotted key (`radio.radius`) reaches inside."""
+    """`base` with `changes` laid over it, mapping by mapping; a dotted key (`radio.radius`) reaches inside.
+
+    Another `kind` begins with that model's defaults, whether it comes in a mapping or as a dotted key.
+    """
     result = dict(base)
-    for key, value in changes.items():
+    for key, value in sorted(changes.items(), key=lambda entry: not entry[0].endswith(".kind")):
         head, _, rest = key.partition(".")
         inner = result.get(head)
-        if rest:
+        if rest == "kind" and isinstance(inner, dict) and _other_kind(inner, {rest: value}):
+            result[head] = {rest: value}
+        elif rest:
             result[head] = merged(inner if isinstance(inner, dict) else {}, {rest: value})
         elif isinstance(inner, dict) and isinstance(value, dict):
             result[head] = value if _other_kind(inner, value) else merged(inner, value)

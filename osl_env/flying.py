@@ -1,4 +1,4 @@
-"""The kernels that fly: one step of hops, legs or velocities in all worlds, and their clocks.
+"""The kernels that fly points: one step of hops, legs or periods in all worlds, and their clocks.
 
 A leg that would meet an obstacle ends before it: at the surface less the clearance, or, on the grid of hops, at the end
 of the longest hop in its direction that is clear; time, energy and path are those of what is flown. The collision is
@@ -138,7 +138,7 @@ def fly_waypoints(
 
 
 @njit(cache=True, error_model="numpy")
-def fly_velocities(
+def fly_periods(
     motion: StateArray,
     ledger: StateArray,
     episode: StateArray,
@@ -146,8 +146,12 @@ def fly_velocities(
     geometry: Geometry | None,
     stepping: BoolArray,
     commands: FloatArray,
+    tracks: bool,
 ) -> None:
-    """One decision period with velocity `commands` (n_envs, n_uavs, 3), m/s, in every running world."""
+    """One decision period of point masses in every running world.
+
+    `commands` (n_envs, n_uavs, 3) are velocities, m/s, or, if it `tracks`, the places to steer to, m.
+    """
     n_envs, n_uavs = motion.shape
     c = constants[0]
     for e in range(n_envs):
@@ -157,7 +161,7 @@ def fly_velocities(
         for i in range(n_uavs):
             if motion[e, i].active:
                 u, v, w = commands[e, i, 0], commands[e, i, 1], commands[e, i, 2]
-                fly_period(motion[e, i], ledger[e, i], c, geometry, u, v, w)
+                fly_period(motion[e, i], ledger[e, i], c, geometry, u, v, w, tracks)
         episode[e].clock += c.decision_period
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from osl_env.energy import ThrustEnergy
 from osl_env.radio import HEADER_BYTES
 from osl_env.scenario import Scenario
 from osl_env.sensors import PoissonCounter
 from osl_env.state import CONSTANTS, StateArray
-from osl_env.vehicles.point_mass import PointMass
+from osl_env.vehicles.quadrotor import Quadrotor
+from osl_env.vehicles.rotor_power import hovering_power
 
 
 def kernel_constants(scenario: Scenario) -> StateArray:
@@ -17,11 +19,12 @@ def kernel_constants(scenario: Scenario) -> StateArray:
     vehicle, energy, ending, radio = scenario.vehicle, scenario.energy, scenario.ending, scenario.radio
     for name in ("step_length", "hop_lengths", "speed", "acceleration", "hover_time", "turn_time", "max_samples"):
         constants[name] = getattr(vehicle, name)
-    if isinstance(vehicle, PointMass):
-        constants["decision_period"] = vehicle.decision_period
-        constants["physics_step"] = vehicle.physics_step
+    for name in ("decision_period", "physics_step", "position_gain"):
+        constants[name] = getattr(vehicle, name, 0.0)
     for name in ("flying_power", "hovering_power", "turn_energy", "capacity"):
         constants[name] = getattr(energy, name)
+    if isinstance(energy, ThrustEnergy) and isinstance(vehicle, Quadrotor):
+        constants["hovering_power"] = hovering_power(vehicle.airframe, energy)
     for name in ("time_limit", "max_decisions", "success_radius"):
         constants[name] = getattr(ending, name)
     if isinstance(scenario.gas_sensor, PoissonCounter):
@@ -36,6 +39,8 @@ def kernel_constants(scenario: Scenario) -> StateArray:
     constants["joule_per_byte_sent"] = radio.joule_per_byte
     constants["event_clock"] = scenario.clock == "event"
     constants["collision"] = ("stop", "slide", "end").index(scenario.arena.collision)
+    constants["bounds_end"] = scenario.arena.bounds == "end"
+    constants["margin"] = scenario.arena.margin
     constants["reach"] = ending.success == "reach"
     constants["wind_noise"] = scenario.anemometer.noise
     constants["header_bytes"] = HEADER_BYTES

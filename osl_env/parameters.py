@@ -110,7 +110,7 @@ class Parameters(BaseModel):
 
 
 # keys whose value is one of several models, chosen by its `kind`: pydantic puts the kind into a problem's path
-_CHOSEN_BY_KIND = {"plume", "advertised_plume", "wind", "vehicle", "gas_sensor", "dispersion"}
+_CHOSEN_BY_KIND = {"plume", "advertised_plume", "wind", "vehicle", "gas_sensor", "dispersion", "energy"}
 _KINDS: set[int | str] = set()  # of all models
 _MAPPING = "a mapping of keys and values"
 # pydantic's name for a value of the wrong shape -> what is allowed, in a file's words

@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from osl_env.errors import InputError
-from osl_env.state import ENERGY_KINDS, FALSE_DECLARATION, SUCCESS
+from osl_env.state import DIVERGED, ENERGY_KINDS, FALSE_DECLARATION, LEFT, SUCCESS
 
 if TYPE_CHECKING:
     from osl_env.world import World
 
-Ending = Literal["success", "false_declaration", "time", "battery", "decisions"]
+Ending = Literal[
+    "success", "false_declaration", "time", "battery", "decisions", "collision", "out_of_bounds", "diverged"
+]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,7 +153,9 @@ class EpisodeRecord:
 
 
 def _ending(world: World, env: int) -> Ending:
-    """Why the episode is over. If the UAVs stopped for different reasons: time before decisions before battery."""
+    """Why the episode is over. If the UAVs stopped for different reasons: time before decisions before a battery before
+    what else ends a flight.
+    """
     outcome, ending = world.episode["outcome"][env], world.scenario.ending
     if outcome == SUCCESS:
         return "success"
@@ -161,7 +165,12 @@ def _ending(world: World, env: int) -> Ending:
     search_time = ledger["flying_time"] + ledger["hovering_time"] + ledger["turning_time"]
     if np.any(motion["truncated"] & (search_time >= ending.time_limit)):
         return "time"
-    return "decisions" if np.any(motion["truncated"]) else "battery"
+    if np.any(motion["truncated"]):
+        return "decisions"
+    if np.any(motion["exhausted"]):
+        return "battery"
+    fates = motion["fate"]
+    return "diverged" if np.any(fates == DIVERGED) else "out_of_bounds" if np.any(fates == LEFT) else "collision"
 
 
 def _is_nan(value: object) -> bool:

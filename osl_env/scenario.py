@@ -13,7 +13,7 @@ from pydantic import ValidationError, model_validator
 
 from osl_env.arena import Arena
 from osl_env.configuration import merged
-from osl_env.energy import EnergyModel
+from osl_env.energy import MeasuredEnergy, ThrustEnergy
 from osl_env.fields.references import by_content
 from osl_env.parameters import Parameters, Vector, one_line, quantity
 from osl_env.placement import Sources, Team
@@ -27,6 +27,7 @@ from osl_env.reward import Reward
 from osl_env.sensors import Anemometer, IdealSensor, MoxSensor, PidSensor, PoissonCounter, RangeSensors, SensorFault
 from osl_env.vehicles.grid_hop import GridHop
 from osl_env.vehicles.point_mass import PointMass
+from osl_env.vehicles.quadrotor import Quadrotor
 from osl_env.winds.field import FieldWind
 from osl_env.winds.meander import MeanderingWind
 from osl_env.winds.series import SeriesWind
@@ -35,7 +36,8 @@ from osl_env.winds.uniform import UniformWind
 
 Plume: TypeAlias = HitRatePlume | GaussianPuffPlume | FilamentPlume | PseudoGaussianPlume | FieldPlume
 AnyWind: TypeAlias = UniformWind | MeanderingWind | TurbulentWind | SeriesWind | FieldWind
-AnyVehicle: TypeAlias = GridHop | PointMass
+AnyVehicle: TypeAlias = GridHop | PointMass | Quadrotor
+AnyEnergy: TypeAlias = MeasuredEnergy | ThrustEnergy
 AnyGasSensor: TypeAlias = PoissonCounter | IdealSensor | PidSensor | MoxSensor
 
 _DEFAULT_KINDS = {
@@ -43,6 +45,7 @@ _DEFAULT_KINDS = {
     "advertised_plume": "hit_rate",
     "wind": "uniform",
     "vehicle": "grid_hop",
+    "energy": "measured",
     "gas_sensor": "poisson_counter",
 }
 # parameters added after the first hashes were published, with what they mean where they are not given: left out of the
@@ -54,6 +57,10 @@ _ADDED: dict[str, Any] = {
     "arena.occupancy": None,
     "arena.collision": Arena().collision,
     "arena.clearance": Arena().clearance,
+    "arena.bounds": Arena().bounds,
+    "arena.margin": Arena().margin,
+    "vehicle.position_gain": PointMass().position_gain,
+    "energy.kind": MeasuredEnergy().kind,
 }
 
 
@@ -78,7 +85,7 @@ class Scenario(Parameters):
     advertised_plume: Plume | None = quantity(None, "", discriminator="kind")  # what policies are told; else the truth
     wind: AnyWind = quantity(UniformWind(), "", discriminator="kind")
     vehicle: AnyVehicle = quantity(GridHop(), "", discriminator="kind")
-    energy: EnergyModel = EnergyModel()
+    energy: AnyEnergy = quantity(MeasuredEnergy(), "", discriminator="kind")
     gas_sensor: AnyGasSensor = quantity(PoissonCounter(), "", discriminator="kind")
     anemometer: Anemometer = Anemometer()
     range_sensors: RangeSensors = RangeSensors()
@@ -86,7 +93,7 @@ class Scenario(Parameters):
     radio: Radio = Radio()
     ending: Ending = Ending()
     reward: Reward = Reward()
-    action: Literal["hop", "waypoint", "velocity"] = "hop"
+    action: Literal["hop", "waypoint", "velocity", "setpoint"] = "hop"
     clock: Literal["barrier", "event"] = "barrier"
     max_neighbours: int = quantity(7, "", ge=0, le=64)  # in an observation: the nearest ones heard
 
@@ -105,6 +112,12 @@ class Scenario(Parameters):
         if self.action not in self.vehicle.commands:
             allowed = ", ".join(self.vehicle.commands)
             raise ValueError(f"action = {self.action!r}: vehicle {self.vehicle.kind!r} takes {allowed}")
+        if isinstance(self.vehicle, Quadrotor) and self.vehicle.backend == "rotorpy" and not self.in_periods:
+            raise ValueError(f"action = {self.action!r}: vehicle.backend 'rotorpy' takes velocity, setpoint")
+        if isinstance(self.energy, ThrustEnergy) and not isinstance(self.vehicle, Quadrotor):
+            raise ValueError(
+                f"energy.kind = 'thrust': needs a vehicle of kind quadrotor, for its rotors, not {self.vehicle.kind!r}"
+            )
         for key, region, places in (
             ("team", self.team.region, self.team.starts[: self.team.n_uavs]),
             ("sources", self.sources.region, self.sources.positions),
@@ -137,7 +150,7 @@ class Scenario(Parameters):
         if self.gas_sensor.measures == "concentration" and self.tick > self.decision_time:
             raise ValueError(
                 f"{self._tick_key} = {self.tick:g}: must be at most the {self.decision_time:g} s of a sample"
-                f" ({'decision_period' if self.action == 'velocity' else 'hover_time'} of the vehicle)"
+                f" ({'decision_period' if self.in_periods else 'hover_time'} of the vehicle)"
             )
         if isinstance(self.plume, FieldPlume) and not self._sources_are(self.plume):
             raise ValueError(
@@ -199,9 +212,14 @@ class Scenario(Parameters):
         return min(self.team.n_uavs - 1, self.max_neighbours)
 
     @property
+    def in_periods(self) -> bool:
+        """Whether a decision lasts a period of the vehicle's, not a leg."""
+        return self.action in ("velocity", "setpoint")
+
+    @property
     def decision_time(self) -> float:
         """The shortest time between two decisions of a UAV, s."""
-        if self.action == "velocity" and isinstance(self.vehicle, PointMass):
+        if self.in_periods and not isinstance(self.vehicle, GridHop):
             return self.vehicle.decision_period
         return self.vehicle.hover_time
 

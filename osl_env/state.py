@@ -20,8 +20,9 @@ ENERGY_KINDS = ("flying", "hovering", "turning", "waiting", "computing", "commun
 FLYING, HOVERING, TURNING, WAITING, COMPUTING, COMMUNICATING = range(len(ENERGY_KINDS))
 RUNNING, SUCCESS, FALSE_DECLARATION, ENDED = range(4)  # outcomes of an episode
 STOP, SLIDE, END = range(3)  # what a collision with an obstacle does
+FLYING_ON, LEFT, DIVERGED = range(3)  # fates of a UAV: it flies, has left the bounds, its flight has become unstable
 
-_F, _I, _C, _B, _U = np.float64, np.int64, np.int32, np.bool_, np.uint64
+_F, _I, _C, _S, _B, _U = np.float64, np.int64, np.int32, np.int8, np.bool_, np.uint64
 
 MOTION = np.dtype(  # (n_envs, n_uavs)
     [
@@ -33,6 +34,8 @@ MOTION = np.dtype(  # (n_envs, n_uavs)
         ("leg_flight", _F),
         ("leg_hover", _F),
         ("leg_path", _F),  # m
+        ("leg_flying_energy", _F),  # J, of the present leg's flight and hover
+        ("leg_hovering_energy", _F),
         ("leg_end", _F),  # s, mission clock at which the leg is done
         ("samples", _C),  # completed sampling times of the leg
         ("turns", _C),  # 1 if the leg begins with a turn
@@ -42,6 +45,7 @@ MOTION = np.dtype(  # (n_envs, n_uavs)
         ("terminated", _B),
         ("truncated", _B),
         ("collided", _B),  # the last leg or period ran into an obstacle
+        ("fate", _S),  # FLYING_ON, LEFT, DIVERGED
         ("velocity", _F, (3,)),  # m/s; zero between legs
     ],
     align=True,
@@ -137,6 +141,7 @@ CONSTANTS = np.dtype(  # (1,): every number that the kernels need of the scenari
         ("max_samples", _I),
         ("decision_period", _F),
         ("physics_step", _F),
+        ("position_gain", _F),
         ("flying_power", _F),
         ("hovering_power", _F),
         ("turn_energy", _F),
@@ -145,6 +150,8 @@ CONSTANTS = np.dtype(  # (1,): every number that the kernels need of the scenari
         ("joule_per_byte_sent", _F),
         ("event_clock", _B),
         ("collision", _I),  # of a UAV with an obstacle: STOP, SLIDE, END
+        ("bounds_end", _B),  # leaving the bounds by more than `margin` ends the flight
+        ("margin", _F),
         ("reach", _B),
         ("time_limit", _F),
         ("max_decisions", _I),

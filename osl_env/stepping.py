@@ -17,7 +17,7 @@ from osl_env.parameters import FloatArray
 from osl_env.radio import charge_bytes, send_to_all
 from osl_env.reward import pay
 from osl_env.sensors import measure_wind, sample, sample_concentration
-from osl_env.state import COMPUTING, HOVERING, RUNNING, BoolArray, IntArray, StateArray
+from osl_env.state import COMPUTING, FLYING_ON, HOVERING, RUNNING, BoolArray, IntArray, StateArray
 from osl_env.streams import Purpose, derive
 
 _SENSOR, _ANEMOMETER, _RADIO = int(Purpose.SENSOR), int(Purpose.ANEMOMETER), int(Purpose.RADIO)
@@ -152,12 +152,13 @@ def _begin_motion(m: Any, first_hover: float) -> None:
     for axis in range(3):
         m.velocity[axis] = m.heading[axis] = 0.0
         m.target[axis] = m.origin[axis] = m.position[axis]
-    m.leg_turn = m.leg_flight = m.leg_path = 0.0
+    m.leg_turn = m.leg_flight = m.leg_path = m.leg_flying_energy = m.leg_hovering_energy = 0.0
     m.leg_hover = m.leg_end = first_hover
     m.turns = 0
     m.samples = 1 if first_hover > 0.0 else 0
     m.active = m.ready = True
     m.collided = False
+    m.fate = FLYING_ON
     m.exhausted = m.terminated = m.truncated = False
 
 

@@ -104,7 +104,7 @@ class Surroundings:
         self.tick, self._wind_changes = scenario.tick, self.wind.changes
         self.smells = self.sensor.measures == "concentration"
         self._sensor_period = float(self.sensor.period) if self.smells else math.inf  # s
-        self._period = scenario.decision_time if scenario.action == "velocity" else 0.0  # s
+        self._period = scenario.decision_time if scenario.in_periods else 0.0  # s
         self._wind_state = self.wind.allocate(n_envs, scenario.arena)
         self.plume_state: Any = self.plume.allocate(n_envs, sources.shape[1], scenario.arena)
         self.scene = Scene(

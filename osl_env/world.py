@@ -13,7 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from osl_env.block import Block, Rules
+from osl_env.energy import ThrustEnergy
 from osl_env.errors import InputError
+from osl_env.flying_bodies import begin_bodies
+from osl_env.flying_rotorpy import RotorpyFleet
 from osl_env.kernel_constants import kernel_constants
 from osl_env.mailbox import Mailbox
 from osl_env.observation import Observation, ObservationLayout
@@ -39,7 +42,8 @@ from osl_env.stepping import begin, charge_payloads
 from osl_env.streams import check_seed
 from osl_env.surroundings import Surroundings
 from osl_env.vehicles.legs import hop_table
-from osl_env.vehicles.point_mass import PointMass
+from osl_env.vehicles.quadrotor import Quadrotor
+from osl_env.vehicles.rigid_body import STATE_SIZE
 
 _MAX_STATE_BYTES = 16 * 2**30
 
@@ -83,6 +87,8 @@ class World:
         self.source_position: FloatArray = np.zeros((self.n_envs, sources.count, 3))
         self.source_strength: FloatArray = np.ones((self.n_envs, sources.count)) * np.array(sources.strengths or 1.0)
         self.surroundings = Surroundings(self.scenario, self.source_position, self.source_strength, self.n_uavs)
+        bodies = (*shape, STATE_SIZE) if isinstance(self.scenario.vehicle, Quadrotor) else (0, 0, STATE_SIZE)
+        self.body: FloatArray = np.zeros(bodies)  # see `vehicles.rigid_body`
         self.rates: FloatArray = np.zeros(shape)
         self.rewards: FloatArray = np.zeros(shape)
         self.team: StateArray = np.zeros(self.n_envs, TEAM)
@@ -96,16 +102,18 @@ class World:
 
     def _make_rules(self) -> Rules:
         scenario, vehicle = self.scenario, self.scenario.vehicle
-        in_periods = scenario.action == "velocity" and isinstance(vehicle, PointMass)
         return Rules(
             constants=self.constants,
             geometry=scenario.arena.geometry if scenario.arena.obstructed else None,
             hop_table=hop_table(vehicle),
-            sampling_time=scenario.decision_time if in_periods else vehicle.hover_time,
+            sampling_time=scenario.decision_time,
             talks=scenario.radio.radius > 0 and self.n_uavs > 1,
             to_all=scenario.radio.reaches_all,
             reaching=scenario.ending.success == "reach",
             shaping=scenario.reward.shaping > 0,
+            frames=vehicle.numbers() if isinstance(vehicle, Quadrotor) else None,
+            rotorpy=RotorpyFleet(vehicle) if isinstance(vehicle, Quadrotor) and vehicle.backend == "rotorpy" else None,
+            rotors=scenario.energy.numbers() if isinstance(scenario.energy, ThrustEnergy) else None,
         )
 
     def _make_block(self) -> Block:
@@ -127,6 +135,7 @@ class World:
             heard=self.heard,
             sent=self._sent,
             reach=self._reach,
+            body=self.body,
         )
 
     def _queue_length(self) -> int:
@@ -186,9 +195,11 @@ class World:
         stepping[:] = False
         stepping[rows] = True
         self._place(rows, chosen)
-        first_hover = 0.0 if self.scenario.action == "velocity" else self._rules.sampling_time
+        first_hover = 0.0 if self.scenario.in_periods else self._rules.sampling_time
         begin(self.motion, self.ledger, self.senses, self.heard, self._sent, self.episode, self.constants, rows, chosen,
               first_hover)  # fmt: skip
+        if self._rules.frames is not None:
+            begin_bodies(self.body, self._rules.frames, self.motion, rows)
         self.surroundings.begin(rows, chosen, self.episode)
         self._mailbox.clear(rows)
         self._block.settle(self._cursor, is_step=False)  # the last step's slot: theirs has just been emptied
@@ -233,7 +244,14 @@ class World:
     def step_velocities(self, velocities: FloatArray, declarations: FloatArray | None = None) -> None:
         """One decision period with `velocities` (n_envs, n_uavs, 3) m/s; `declarations` as in `step_waypoints`."""
         self._advance()
-        self._block.fly_with(velocities, declarations, self._cursor)
+        self._block.fly_period(velocities, declarations, self._cursor, tracks=False)
+
+    def step_setpoints(self, setpoints: FloatArray, declarations: FloatArray | None = None) -> None:
+        """One decision period in which UAVs steer to `setpoints` (n_envs, n_uavs, 3) m; `declarations` as in
+        `step_waypoints`.
+        """
+        self._advance()
+        self._block.fly_period(setpoints, declarations, self._cursor, tracks=True)
 
     def concentration(self, env: int, points: ArrayLike) -> FloatArray:
         """The plume's present reading in world `env` at `points` (.., 3) m, in its unit; shape (..). For pictures: no

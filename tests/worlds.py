@@ -43,7 +43,7 @@ def small(**changes: Any) -> Scenario:
 
 
 def flying(**changes: Any) -> Scenario:
-    """`small` with a point mass that takes velocities."""
+    """`small` with a point mass that takes velocities, or another `action`."""
     return small(**{"vehicle": {"kind": "point_mass"}, "action": "velocity"} | changes)
 
 
@@ -63,12 +63,19 @@ def random_commands(world: World, rng: np.random.Generator) -> tuple[Any, ...]:
         return (rng.integers(0, 26 * vehicle.hop_lengths + 1, shape),)
     if mode == "waypoint":
         return rng.uniform(0, world.scenario.arena.size, (*shape, 3)), rng.integers(1, 4, shape)
+    if mode == "setpoint":  # some of them outside the area
+        return (rng.uniform(-2.0, np.add(world.scenario.arena.size, 2.0), (*shape, 3)),)
     return (rng.uniform(-vehicle.speed, vehicle.speed, (*shape, 3)),)
 
 
 def advance(world: World, commands: tuple[Any, ...]) -> None:
     """Step `world` with `commands` for its action mode."""
-    step = {"hop": world.step_hops, "waypoint": world.step_waypoints, "velocity": world.step_velocities}
+    step = {
+        "hop": world.step_hops,
+        "waypoint": world.step_waypoints,
+        "velocity": world.step_velocities,
+        "setpoint": world.step_setpoints,
+    }
     step[world.scenario.action](*commands)
 
 
@@ -126,7 +133,8 @@ def trajectory_digest() -> str:
     """A digest of every bit of a few noisy episodes, the same in every process."""
     digest = hashlib.sha256()
     for changes in ({}, NOISY, NOISY | {"clock": "event"}):
-        for scenario in (small(**changes), small(**changes, action="waypoint"), flying(**changes)):
+        in_legs = [small(**changes), small(**changes, action="waypoint")]
+        for scenario in (*in_legs, flying(**changes), flying(**changes, action="setpoint")):
             world = begun(scenario, [1, 2**40])
             fly(world, seed=3, steps=25)
             for env in range(2):

@@ -18,7 +18,7 @@ from training.training_config import LearningRate, TrainingConfig
 _CLASSES: dict[str, type[BaseAlgorithm]] = {"ppo": PPO, "recurrent-ppo": RecurrentPPO, "dqn": DQN, "sac": SAC}
 _ACTIONS: dict[str, tuple[type[spaces.Space[Any]], str]] = {
     "dqn": (spaces.Discrete, "needs discrete actions (a scenario with action: hop)"),
-    "sac": (spaces.Box, "needs continuous actions (a scenario with action: velocity or waypoint)"),
+    "sac": (spaces.Box, "needs continuous actions (a scenario with action: velocity, setpoint or waypoint)"),
 }
 
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from baselines import Briefing, Policy
-from osl_env.actions import HOP_DIRECTIONS, Action, Hop, Hover, Velocity, Waypoint
+from osl_env.actions import HOP_DIRECTIONS, Action, Hop, Hover, Setpoint, Velocity, Waypoint
 from osl_env.errors import InputError
 from osl_env.observation import Observation
 from osl_env.parameters import FloatArray
@@ -75,13 +75,16 @@ def fly(
     *,
     max_decisions: float = math.inf,
     watch: Callable[[World], None] | None = None,
+    watch_team: Callable[[World, list[list[Policy]]], None] | None = None,
 ) -> Flight:
     """Fly the episodes with `seeds` to their end, or at most `max_decisions` decisions each.
 
-    `watch` is called after the reset and after each step; it must not change the world.
+    `watch` is called after the reset and after each step, and so is `watch_team`, with the policies, [env][uav]; they
+    must not change anything.
     """
     _check_fit(policy, scenario)
-    world = World(_as_flown_by(policy, scenario), len(seeds))
+    scenario = _as_flown_by(policy, scenario)
+    world = World(scenario, len(seeds))
     world.reset(np.array(seeds, dtype=np.int64))
     n_uavs = scenario.team.n_uavs
     team = [[copy.deepcopy(policy) for _ in range(n_uavs)] for _ in seeds]
@@ -90,19 +93,22 @@ def fly(
             pilot.reset(Briefing.of(scenario, uav, seed, world.motion["position"][env, uav]))
     seconds, decisions = np.zeros(len(seeds)), np.zeros(len(seeds))
     bits = np.zeros((len(seeds), n_uavs))
-    if watch:
-        watch(world)
+    watchers = [watch] if watch else []
+    if watch_team:
+        watchers.append(lambda world: watch_team(world, team))
+    for look in watchers:
+        look(world)
     while world.running.any() and decisions.max() < max_decisions * n_uavs:
         turns = _turns(world, team)
         if not turns:  # on the event clock: those that were done have ended, the others are still flying
-            _step(world, policy, turns, [], np.full((world.n_envs, n_uavs, 3), np.nan))
+            _step(world, turns, [], np.full((world.n_envs, n_uavs, 3), np.nan))
             continue
-        elapsed = _decide_and_step(world, policy, turns, bits)
+        elapsed = _decide_and_step(world, turns, bits)
         count = np.bincount([turn.env for turn in turns], minlength=len(seeds))
         decisions += count
         seconds += elapsed * count / len(turns)
-        if watch:
-            watch(world)
+        for look in watchers:
+            look(world)
     return Flight(world, team, seconds / np.maximum(decisions, 1))
 
 
@@ -114,7 +120,7 @@ def _turns(world: World, team: list[list[Policy]]) -> list[Turn]:
     ]
 
 
-def _decide_and_step(world: World, policy: Policy, turns: list[Turn], bits: FloatArray) -> float:
+def _decide_and_step(world: World, turns: list[Turn], bits: FloatArray) -> float:
     """One decision of all `turns`; the wall time that the policies took, s.
 
     `bits` (n_envs, n_uavs): what each policy has processed and not yet paid for, from one decision to the next.
@@ -135,18 +141,26 @@ def _decide_and_step(world: World, policy: Policy, turns: list[Turn], bits: Floa
             declarations[turn.env, turn.uav] = _point(turn.policy, "declaration()", declared)
         bits[turn.env, turn.uav] = turn.policy.computed_bits
     elapsed += time.perf_counter() - began
-    _step(world, policy, turns, actions, declarations)
+    _step(world, turns, actions, declarations)
     return elapsed
 
 
-def _step(world: World, policy: Policy, turns: list[Turn], actions: list[Action], declarations: FloatArray) -> None:
-    if policy.vehicle_commands == "velocity":
+def _step(world: World, turns: list[Turn], actions: list[Action], declarations: FloatArray) -> None:
+    if world.scenario.action == "velocity":
         velocities = np.zeros((world.n_envs, world.n_uavs, 3))
         for turn, action in zip(turns, actions, strict=True):
             if not isinstance(action, Velocity):
                 raise _invalid(turn.policy, action, "must be a Velocity")
             velocities[turn.env, turn.uav] = _point(turn.policy, "act()", action.velocity)
         world.step_velocities(velocities, declarations)
+        return
+    if world.scenario.action == "setpoint":
+        setpoints = world.motion["position"].copy()
+        for turn, action in zip(turns, actions, strict=True):
+            if not isinstance(action, Setpoint):
+                raise _invalid(turn.policy, action, "must be a Setpoint")
+            setpoints[turn.env, turn.uav] = _point(turn.policy, "act()", action.position)
+        world.step_setpoints(setpoints, declarations)
         return
     targets = world.motion["position"].copy()
     samples = np.ones((world.n_envs, world.n_uavs), dtype=np.int64)
@@ -206,7 +220,15 @@ def _check_fit(policy: Policy, scenario: Scenario) -> None:
 def _as_flown_by(policy: Policy, scenario: Scenario) -> Scenario:
     """`scenario` with the action that carries the policy's commands; its own `action` is for learned agents.
 
-    Reward shaping knows the hidden source, so it is switched off in every evaluation.
+    Reward shaping knows the hidden source, so it is switched off in every evaluation. Raises InputError if the vehicle
+    can fly none of what the policy commands.
     """
-    action = "velocity" if policy.vehicle_commands == "velocity" else "waypoint"
-    return scenario.override(action=action, reward={"shaping": 0.0})
+    flown = scenario.vehicle.commands
+    for command in policy.vehicle_commands:
+        action = "waypoint" if command == "leg" else command
+        if action in flown:
+            return scenario.override(action=action, reward={"shaping": 0.0})
+    raise InputError(
+        f"policy {policy.name} cannot search in scenario {scenario.name}: it commands"
+        f" {' or '.join(policy.vehicle_commands)}, vehicle {scenario.vehicle.kind!r} takes {', '.join(flown)}"
+    )

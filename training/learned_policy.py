@@ -6,7 +6,8 @@ export, it is flown by the same numpy forward pass as a checkpoint; any other by
 actions do not depend on the batch either.
 
 What is in the zip does not say which features the observation is made of. Without `features` it is the environments'
-own flat vector, and the number of neighbours in it follows from its size: none for `osl_env/Solo-v0`.
+own flat vector, and the number of neighbours in it follows from its size: none for `osl_env/Solo-v0`. Nor does it say
+what four numbers of an action mean: velocities, unless `agent` says setpoints.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from osl_env.agent_actions import BOX_SIZES, n_hop_actions
 from osl_env.errors import InputError
 
 Algorithm = Literal["PPO", "RecurrentPPO", "DQN", "SAC"]
+Agent = Literal["hop", "waypoint", "velocity", "setpoint"]
 _MODULES = {"PPO": "stable_baselines3", "DQN": "stable_baselines3", "SAC": "stable_baselines3",
             "RecurrentPPO": "sb3_contrib"}  # fmt: skip
 # attributes that SB3 saves for one of the algorithms and for none of those below it
@@ -105,13 +107,14 @@ class Sb3Policy(PilotedPolicy):
     path: Path
     algorithm: Algorithm | None = None  # found in the zip, if not given
     features: tuple[dict[str, Any], ...] = ()  # as in training; none: the environments' own vector
+    agent: Agent | None = None  # the scenario's action in training; found in the zip, if not given
 
     def _loaded(self) -> tuple[Policy, str]:
         digest = _digest(self.path)
         algorithm = self.algorithm or _algorithm_of(self.path)
         model = _model(self.path, algorithm, digest)
         where = f"{self.path} ({algorithm})"
-        agent, action = _agent(model.action_space, where)
+        agent, action = _agent(model.action_space, where, self.agent)
         spec = self._spec(model.observation_space, where)
         brain = Brain(where, agent, _network(self.path, algorithm), spec, action, _UNLIMITED)
         return Pilot.of(brain.checked(), self.stochastic), digest
@@ -134,21 +137,29 @@ class Sb3Policy(PilotedPolicy):
         return (RawFeatures(neighbours=neighbours),)
 
 
-def _agent(space: Any, where: str) -> tuple[Literal["hop", "waypoint", "velocity"], ActionDefinition]:
-    """The kind of agent that has the action space `space`. Raises InputError if there is none."""
+def _agent(space: Any, where: str, wanted: Agent | None) -> tuple[Agent, ActionDefinition]:
+    """The kind of agent that has the action space `space`: the first, or the `wanted`. Raises InputError if there is
+    none.
+    """
+    fitting: tuple[Agent, ...] = ()
+    action = ActionDefinition()
     if hasattr(space, "n"):
         lengths, rest = divmod(int(space.n) - n_hop_actions(0), n_hop_actions(1) - n_hop_actions(0))
         if not rest and lengths >= 1:
-            return "hop", ActionDefinition(hop_lengths=lengths)
+            fitting, action = ("hop",), ActionDefinition(hop_lengths=lengths)
     elif hasattr(space, "low") and (space.low == -1.0).all() and (space.high == 1.0).all():
-        if space.shape == (BOX_SIZES["waypoint"],):
-            return "waypoint", ActionDefinition()
-        if space.shape == (BOX_SIZES["velocity"],):
-            return "velocity", ActionDefinition()
-    raise InputError(
-        f"{where}: was trained with actions {space}: one UAV has Discrete(26 l_max + 2), or a Box from -1 to 1 of 5 "
-        "(waypoint) or 4 (velocity)"
-    )
+        boxes: tuple[Agent, ...] = ("waypoint", "velocity", "setpoint")
+        fitting = tuple(kind for kind in boxes if space.shape == (BOX_SIZES[kind],))
+    if not fitting:
+        raise InputError(
+            f"{where}: was trained with actions {space}: one UAV has Discrete(26 l_max + 2), or a Box from -1 to 1 of"
+            " 5 (waypoint) or 4 (velocity, setpoint)"
+        )
+    if wanted is not None and wanted not in fitting:
+        raise InputError(
+            f"agent = {wanted!r}: {where} was trained with actions {space}, which are those of {' or '.join(fitting)}"
+        )
+    return wanted or fitting[0], action
 
 
 def _digest(path: Path) -> str:

@@ -28,7 +28,7 @@ Activation = Literal["tanh", "relu"]
 class Task:
     """What a checkpoint says about the environment that it was trained in."""
 
-    agent: Literal["hop", "waypoint", "velocity", "course", "search"]
+    agent: Literal["hop", "waypoint", "velocity", "setpoint", "course", "search"]
     scenario: Scenario  # the first of those trained in
     max_uavs: int
     observation: ObservationDefinition

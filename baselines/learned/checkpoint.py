@@ -31,7 +31,7 @@ from osl_env.parameters import Parameters, one_line, quantity
 MODEL_FILE, HEADER_FILE = "model.safetensors", "checkpoint.yaml"
 MAX_MODEL_BYTES = 1 << 30
 ARCHITECTURES = ("mlp", "lstm", "team")
-Agent = Literal["hop", "waypoint", "velocity", "course", "search"]
+Agent = Literal["hop", "waypoint", "velocity", "setpoint", "course", "search"]
 Float32Array = NDArray[np.float32]
 
 

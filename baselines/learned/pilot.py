@@ -20,11 +20,12 @@ from baselines.learned.checkpoint import Checkpoint, ObservationDefinition
 from baselines.learned.course import Course, WindFrame
 from baselines.learned.dense import Float32Array
 from baselines.learned.network import Architecture, Network
-from baselines.policy import Briefing, Policy
-from osl_env.actions import Action, Hop, Hover, Velocity, Waypoint
+from baselines.policy import Briefing, Command, Policy
+from osl_env.actions import Action, Hop, Hover, Setpoint, Velocity, Waypoint
 from osl_env.agent_actions import (
     BOX_SIZES,
     box_declares,
+    box_setpoints,
     box_velocities,
     box_waypoints,
     hover_action,
@@ -116,7 +117,7 @@ class Brain:
     """What all pilots of one policy share: the network and the meaning of what goes in and out."""
 
     where: str  # for messages
-    agent: Literal["hop", "waypoint", "velocity", "course"]
+    agent: Literal["hop", "waypoint", "velocity", "setpoint", "course"]
     network: Flown
     spec: FeatureSpec
     action: ActionDefinition
@@ -124,7 +125,7 @@ class Brain:
 
     @classmethod
     def of(cls, checkpoint: Checkpoint) -> Brain:
-        """The brain of a `hop`, `waypoint`, `velocity` or `course` checkpoint. Raises InputError in one line."""
+        """The brain of a checkpoint of any kind of agent but `search`. Raises InputError in one line."""
         header = checkpoint.header
         if header.agent == "search":
             raise InputError(f"checkpoint {header.name}: agent = 'search' is flown by another pilot")
@@ -181,15 +182,15 @@ class Brain:
 class _Flight:
     """One UAV's state of an episode."""
 
-    __slots__ = ("area", "bits", "declared", "features", "max_samples", "offsets", "rng", "speed", "state")
+    __slots__ = ("area", "bits", "briefing", "declared", "features", "offsets", "rng", "state")
 
     def __init__(self, brain: Brain, briefing: Briefing) -> None:
+        self.briefing = briefing
         self.features = SoloFeatures(brain.spec, briefing)
         self.state = brain.network.start()
         self.rng = generator(briefing.seed, Purpose.POLICY)
         self.declared: FloatArray | None = None
         self.area = np.array(briefing.area, dtype=np.float64)
-        self.speed, self.max_samples = briefing.speed, briefing.max_samples
         self.offsets = hop_offsets(briefing.step_length, briefing.hop_lengths)
         self.bits = 0.0
 
@@ -214,9 +215,10 @@ class Pilot(Policy):
         return pilot
 
     @property
-    def vehicle_commands(self) -> Literal["leg", "velocity"]:  # type: ignore[override]  # by the network's actions
-        """Whether it flies legs or gives velocities."""
-        return "velocity" if self._brain.agent == "velocity" else "leg"
+    def vehicle_commands(self) -> tuple[Command, ...]:  # type: ignore[override]  # by the network's actions
+        """The one kind of command that it gives: legs, velocities or setpoints."""
+        agent = self._brain.agent
+        return (agent,) if agent in ("velocity", "setpoint") else ("leg",)
 
     def reset(self, briefing: Briefing) -> None:
         """Start an episode with `briefing`. Raises InputError if the network must not fly it."""
@@ -272,7 +274,7 @@ def _bits(brain: Brain, n_readings: int) -> float:
 
 def _command(brain: Brain, flight: _Flight, observation: Observation, action: Any) -> Action:
     """The command that the network's `action` means, and the declaration that goes with it."""
-    position = observation.position
+    position, told = observation.position, flight.briefing
     if brain.agent == "hop":
         lengths = brain.action.hop_lengths or 1
         hover = hover_action(lengths)
@@ -281,11 +283,13 @@ def _command(brain: Brain, flight: _Flight, observation: Observation, action: An
         return Hover(1) if hop >= hover else Hop(hop // lengths, hop % lengths + 1)
     if brain.agent == "course":
         state = position[None], observation.wind[None], np.array([observation.reading])
-        values = brain.course.boxes(np.array([action]), *state, flight.area, flight.max_samples)[0]
+        values = brain.course.boxes(np.array([action]), *state, flight.area, told.max_samples)[0]
     else:
         values = np.asarray(action, dtype=np.float64)
     flight.declared = position.copy() if box_declares(values) else None
     if brain.agent == "velocity":
-        return Velocity(box_velocities(values, flight.speed))
-    target, samples = box_waypoints(values, flight.area, flight.max_samples)
+        return Velocity(box_velocities(values, told.speed))
+    if brain.agent == "setpoint":
+        return Setpoint(box_setpoints(values, position, told.lookahead))
+    target, samples = box_waypoints(values, flight.area, told.max_samples)
     return Waypoint(target, int(samples))

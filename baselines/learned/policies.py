@@ -6,13 +6,13 @@ import importlib
 from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from pydantic import Field, PrivateAttr, model_validator
 
 from baselines.learned.checkpoint import HEADER_FILE, Checkpoint, shipped_folder
 from baselines.learned.pilot import Brain, Pilot
-from baselines.policy import Belief, Briefing, Policy, register_policy
+from baselines.policy import Belief, Briefing, Command, Policy, register_policy
 from osl_env.actions import Action
 from osl_env.errors import InputError
 from osl_env.observation import Observation
@@ -48,8 +48,8 @@ class PilotedPolicy(Policy):
         return self
 
     @property
-    def vehicle_commands(self) -> Literal["leg", "velocity"]:  # type: ignore[override]  # by the network's actions
-        """Whether it flies legs or gives velocities."""
+    def vehicle_commands(self) -> tuple[Command, ...]:  # type: ignore[override]  # by the network's actions
+        """The one kind of command that the pilot gives."""
         return self._pilot.vehicle_commands
 
     def reset(self, briefing: Briefing) -> None:

@@ -8,7 +8,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from osl_env.agent_actions import BOX_SIZES, box_declares, box_velocities, box_waypoints, n_hop_actions
+from osl_env.agent_actions import (
+    BOX_SIZES,
+    box_declares,
+    box_setpoints,
+    box_velocities,
+    box_waypoints,
+    n_hop_actions,
+)
 from osl_env.errors import InputError
 from osl_env.flying import mask_blocked_hops
 from osl_env.observation import Observation, ObservationLayout
@@ -100,6 +107,10 @@ class ActionTranslator:
         vehicle = self.world.scenario.vehicle
         if self.mode == "velocity":
             self.world.step_velocities(box_velocities(values, vehicle.speed), places)
+            return
+        if self.mode == "setpoint":
+            here = self.world.motion["position"]
+            self.world.step_setpoints(box_setpoints(values, here, vehicle.lookahead), places)
             return
         targets, samples = box_waypoints(values, self._area, vehicle.max_samples)
         self.world.step_waypoints(targets, samples, places)

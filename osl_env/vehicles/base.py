@@ -1,11 +1,13 @@
 """What a vehicle is: the parameters that say how a UAV carries out a command.
 
 A leg is a turn (if the direction changes), a straight flight, and a hover in which the sensor samples. `GridHop` and
-`PointMass` fly legs through the same kernels (`legs.py`); only `PointMass` also takes velocities.
+`PointMass` fly legs through the same kernels (`legs.py`), a `Quadrotor` with its body. `PointMass` and `Quadrotor` also
+take velocities and setpoints, for a decision period.
 """
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
 from osl_env.parameters import Parameters, quantity
@@ -23,3 +25,8 @@ class Vehicle(Parameters):
     turn_time: float = quantity(1.0, "s", ge=0)  # of one turn, by any angle
     max_samples: int = quantity(20, "", ge=1, le=1_000_000)  # the most samples that one leg may take
     acceleration: float = quantity(float("inf"), "m/s^2", gt=0, infinite=True)
+
+    @property
+    def lookahead(self) -> float:
+        """m, the distance of a setpoint from which on it is flown to at full speed; infinite without setpoints."""
+        return math.inf

@@ -19,7 +19,7 @@ from numba import njit
 from osl_env.actions import HOP_DIRECTIONS
 from osl_env.geometry import flight_share
 from osl_env.parameters import FloatArray
-from osl_env.state import END, FLYING, HOVERING, TURNING, WAITING
+from osl_env.state import END, FLYING, FLYING_ON, HOVERING, TURNING, WAITING
 from osl_env.vehicles.base import Vehicle
 
 _SAME_DIRECTION = 1.0 - 1e-9  # cosine above which a leg needs no turn
@@ -29,8 +29,10 @@ _SAME_TIME = 1e-9  # s, legs that end within this of the clock end together
 
 @njit(inline="always", error_model="numpy")
 def is_lost(motion: Any, constants: Any) -> bool:
-    """Whether the UAV's flight is over: its battery is empty, or it has collided under the rule `end`."""
-    return bool(motion.exhausted or (motion.collided and constants.collision == END))
+    """Whether the UAV's flight is over: its battery is empty, it has collided or left the bounds under a rule `end`, or
+    its flight has become unstable.
+    """
+    return bool(motion.exhausted or motion.fate != FLYING_ON or (motion.collided and constants.collision == END))
 
 
 @njit(inline="always", error_model="numpy")
@@ -57,9 +59,11 @@ def _cut_by_battery(motion: Any, remaining: float, constants: Any) -> None:
         motion.leg_flight *= share
         motion.leg_path *= share
         motion.collided = motion.collided and share == 1.0  # else it never gets there
-        remaining -= motion.leg_flight * constants.flying_power
+        motion.leg_flying_energy = motion.leg_flight * constants.flying_power
+        remaining -= motion.leg_flying_energy
     if constants.hovering_power > 0.0:
         motion.leg_hover = min(motion.leg_hover, max(0.0, remaining / constants.hovering_power))
+        motion.leg_hovering_energy = motion.leg_hover * constants.hovering_power
 
 
 @njit(inline="always", error_model="numpy")
@@ -96,11 +100,9 @@ def begin_leg(
         samples = 0
     motion.samples = samples
     motion.leg_hover = samples * constants.hover_time
-    cost = (
-        motion.turns * constants.turn_energy
-        + motion.leg_flight * constants.flying_power
-        + motion.leg_hover * constants.hovering_power
-    )
+    motion.leg_flying_energy = motion.leg_flight * constants.flying_power
+    motion.leg_hovering_energy = motion.leg_hover * constants.hovering_power
+    cost = motion.turns * constants.turn_energy + motion.leg_flying_energy + motion.leg_hovering_energy
     remaining = constants.capacity - ledger.spent
     if cost >= remaining:
         _cut_by_battery(motion, max(remaining, 0.0), constants)
@@ -116,8 +118,8 @@ def charge_leg(motion: Any, ledger: Any, constants: Any, share: float) -> None:
         cut = motion.exhausted and constants.turn_time > 0.0
         begun = motion.leg_turn / constants.turn_time if cut else 1.0
         turning = min(share * constants.turn_energy * begun, max(0.0, constants.capacity - ledger.spent))
-    flying = share * motion.leg_flight * constants.flying_power
-    hovering = share * motion.leg_hover * constants.hovering_power
+    flying = share * motion.leg_flying_energy
+    hovering = share * motion.leg_hovering_energy
     ledger.energy[TURNING] += turning
     ledger.energy[FLYING] += flying
     ledger.energy[HOVERING] += hovering

@@ -29,6 +29,7 @@ TASKS: dict[str, Scenario] = {
     "hop": small(**FREE_COMPUTING),
     "waypoint": small(**FREE_COMPUTING, action="waypoint"),
     "velocity": flying(**FREE_COMPUTING),
+    "setpoint": flying(**FREE_COMPUTING, action="setpoint"),
 }
 RAW_3 = [{"kind": "raw", "neighbours": 2}]  # of three UAVs: the environments' own vector
 

@@ -26,7 +26,7 @@ MODELS: list[type[Parameters]] = [*PLUMES, *WINDS, *VEHICLES, *SENSORS]
 def test_the_models_are_found() -> None:
     assert {"hit_rate", "gaussian_puff", "filament", "pseudo_gaussian", "playback"} <= {kind(cls) for cls in PLUMES}
     assert {"uniform", "meander", "turbulent", "series", "field"} <= {kind(cls) for cls in WINDS}
-    assert {"grid_hop", "point_mass"} <= {kind(cls) for cls in VEHICLES}
+    assert {"grid_hop", "point_mass", "quadrotor"} <= {kind(cls) for cls in VEHICLES}
     assert {"poisson_counter", "ideal", "pid", "mox"} <= {kind(cls) for cls in SENSORS}
     assert len({kind(cls) for cls in MODELS}) == len(MODELS)
 
@@ -213,11 +213,13 @@ FLIGHTS = [(cls, command, clock) for cls in VEHICLES for command in cls.commands
 
 
 def scenario(cls: type[Vehicle], command: str, clock: str, **changes: Any) -> Scenario:
-    return small(vehicle={"kind": kind(cls)}, action=command, clock=clock, **NOISY | changes)
+    period = {"decision_period": 1.0} if "decision_period" in cls.model_fields else {}
+    return small(vehicle={"kind": kind(cls)} | period, action=command, clock=clock, **NOISY | changes)
 
 
 @pytest.mark.parametrize(("cls", "command", "clock"), FLIGHTS)
 def test_vehicles_obey_the_laws_of_flight(cls: type[Vehicle], command: str, clock: str) -> None:
+    overshoot = 1.2 if "airframe" in cls.model_fields else 1.0  # a body's controller is no limit of its speed
     for capacity in (2e6, 8e3):
         world = begun(scenario(cls, command, clock, **{"energy.capacity": capacity}), [1, 2, 3])
         rng, area, steps = np.random.default_rng(0), np.array(world.scenario.arena.size), 0
@@ -229,7 +231,7 @@ def test_vehicles_obey_the_laws_of_flight(cls: type[Vehicle], command: str, cloc
             flown = world.ledger["path"] - before["path"]
             assert np.all(moved <= flown + 1e-9)
             airborne = world.ledger["search_time"] - before["search_time"]
-            assert np.all(flown <= world.scenario.vehicle.speed * airborne + 1e-9)
+            assert np.all(flown <= world.scenario.vehicle.speed * overshoot * airborne + 1e-9)
             assert np.all((world.motion["position"] >= 0) & (world.motion["position"] <= area))
             assert np.all(world.episode["clock"] >= now)
             assert np.all(world.ledger["energy"] >= before["energy"])

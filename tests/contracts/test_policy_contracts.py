@@ -15,7 +15,7 @@ from worlds import small
 
 from baselines import Briefing, Policy, make_policy, policy_names
 from osl_env import InputError, Scenario, World
-from osl_env.actions import HOP_DIRECTIONS, Action, Hop, Hover, Velocity, Waypoint
+from osl_env.actions import HOP_DIRECTIONS, Action, Hop, Hover, Setpoint, Velocity, Waypoint
 from osl_env.parameters import FloatArray
 
 NAMES = policy_names()
@@ -79,9 +79,9 @@ class Flight:
 
 
 def scenario(policy: Policy, **changes: Any) -> Scenario:
-    velocity = policy.vehicle_commands == "velocity"
-    vehicle = {"vehicle": {"kind": "point_mass"}, "action": "velocity"} if velocity else {"action": "waypoint"}
-    return small(**vehicle | changes)
+    if policy.vehicle_commands[0] == "leg":
+        return small(**{"action": "waypoint"} | changes)
+    return small(**{"vehicle": {"kind": "point_mass"}, "action": policy.vehicle_commands[0]} | changes)
 
 
 def fly(policy: Policy, task: Scenario, seed: int = 1, decisions: int = 1000) -> Flight:
@@ -116,6 +116,8 @@ def fly(policy: Policy, task: Scenario, seed: int = 1, decisions: int = 1000) ->
         flight.declared += [place for place in declarations[0] if not np.isnan(place[0])]
         if task.action == "velocity":
             world.step_velocities(targets, declarations)
+        elif task.action == "setpoint":
+            world.step_setpoints(targets, declarations)
         else:
             world.step_waypoints(targets, samples, declarations)
     return flight
@@ -130,6 +132,11 @@ def command(action: Action, position: FloatArray, task: Scenario) -> tuple[Float
             assert np.shape(velocity) == (3,)
             assert np.all(np.isfinite(velocity))
             return np.asarray(velocity, dtype=np.float64), 1
+        case Setpoint(place):
+            assert task.action == "setpoint"
+            assert np.shape(place) == (3,)
+            assert np.all(np.isfinite(place))
+            return np.asarray(place, dtype=np.float64), 1
         case Hop(direction, length):
             assert 0 <= direction < 26
             assert 1 <= length <= vehicle.hop_lengths

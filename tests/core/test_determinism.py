@@ -22,6 +22,8 @@ CASES: dict[str, dict[str, Any]] = {
     "waypoint event": {"action": "waypoint", "clock": "event"},
     "velocity": {"action": "velocity"},
     "velocity noisy": {"action": "velocity"} | NOISY,
+    "setpoint": {"action": "setpoint"},
+    "setpoint noisy": {"action": "setpoint", "arena.bounds": "end", "arena.margin": 0.5} | NOISY,
     "random places": {
         "sources.region": [[0, 0, 0], [20, 20, 10]],
         "sources.number": 2,

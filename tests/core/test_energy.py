@@ -12,7 +12,8 @@ from osl_env import World
 from osl_env.energy import EnergyModel
 from osl_env.state import COMMUNICATING, COMPUTING, ENDED, FLYING, HOVERING, TURNING, WAITING
 
-MODES = [("hop", "barrier"), ("hop", "event"), ("waypoint", "barrier"), ("waypoint", "event"), ("velocity", "barrier")]
+MODES = [("hop", "barrier"), ("hop", "event"), ("waypoint", "barrier"), ("waypoint", "event"), ("velocity", "barrier"),
+         ("setpoint", "barrier")]  # fmt: skip
 COUNTS = ("spent", "search_time", "turning_time", "flying_time", "hovering_time", "waiting_time", "path", "turns",
           "hovers", "flights", "decisions", "messages", "bytes")  # fmt: skip
 

@@ -17,6 +17,7 @@ CASES: dict[str, dict[str, Any]] = {
     "noisy": NOISY,
     "event": {"clock": "event", "team.n_uavs": 5},
     "velocity": {"vehicle": {"kind": "point_mass"}, "action": "velocity"},
+    "setpoint": {"vehicle": {"kind": "point_mass"}, "action": "setpoint"},
     "alone": {"team.n_uavs": 1},
     "few neighbours": {"team.n_uavs": 5, "max_neighbours": 2},
     "no neighbours": {"max_neighbours": 0},

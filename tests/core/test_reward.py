@@ -12,7 +12,13 @@ from osl_env import World
 from osl_env.parameters import FloatArray
 
 NOTHING = {"time": 0.0, "success": 0.0, "false_declaration": 0.0, "energy": 0.0, "detection": 0.0, "shaping": 0.0}
-MODES = [{}, {"clock": "event"}, {"action": "waypoint"}, {"vehicle": {"kind": "point_mass"}, "action": "velocity"}]
+MODES: list[dict[str, Any]] = [
+    {},
+    {"clock": "event"},
+    {"action": "waypoint"},
+    {"vehicle": {"kind": "point_mass"}, "action": "velocity"},
+    {"vehicle": {"kind": "point_mass"}, "action": "setpoint"},
+]
 
 
 def only(changes: dict[str, Any] | None = None, **weights: float) -> World:
@@ -32,7 +38,7 @@ def test_time_term_is_paid_for_each_second_of_search(changes: dict[str, Any]) ->
         before = world.ledger["search_time"].copy()
         advance(world, random_commands(world, rng))
         np.testing.assert_allclose(world.rewards, -0.5 * (world.ledger["search_time"] - before), atol=1e-12)
-    first = 0.0 if changes.get("action") == "velocity" else 1.0  # the sample before the first decision is free
+    first = 0.0 if world.scenario.in_periods else 1.0  # the sample before the first decision is free
     np.testing.assert_allclose(world.ledger["total_reward"], -0.5 * (world.ledger["search_time"] - first), rtol=1e-9)
 
 

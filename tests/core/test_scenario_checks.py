@@ -55,7 +55,7 @@ BAD: dict[tuple[str, str], tuple[str, ...]] = {
     (GADEN, "range_sensors: {range: 0}"): ("range_sensors.range = 0", "greater than 0"),
     # ticks
     (GADEN, "plume: {step: 10}"): ("plume.step = 10", "1 s of a sample", "hover_time"),
-    (PUFFS, "plume: {step: 0.5}"): ("plume.step = 0.5", "0.2 s of a sample", "decision_period"),
+    (PUFFS, "plume: {step: 0.5}"): ("plume.step = 0.5", "0.05 s of a sample", "decision_period"),
     (PUFFS, "plume: {step: 0.3}"): ("plume.step = 0.3", "interval = 0.5"),
     (RATE, "plume: {kind: pseudo_gaussian}\ngas_sensor: {kind: ideal, period: 5}"): (
         "gas_sensor.period = 5",

@@ -21,6 +21,7 @@ MODES: dict[str, dict[str, Any]] = {
     "noisy": NOISY,
     "waypoint": {"action": "waypoint"},
     "velocity": {"vehicle": {"kind": "point_mass"}, "action": "velocity"},
+    "setpoint": {"vehicle": {"kind": "point_mass"}, "action": "setpoint"},
     "event": {"clock": "event"},
     "battery": {"energy.capacity": 7000.0},
 }

@@ -21,6 +21,7 @@ MODES: dict[str, dict[str, Any]] = {
     "hop": {},
     "waypoint": {"action": "waypoint"},
     "velocity": {"vehicle": {"kind": "point_mass"}, "action": "velocity"},
+    "setpoint": {"vehicle": {"kind": "point_mass"}, "action": "setpoint"},
     "event": {"clock": "event"},
 }
 SHORT = {"ending.time_limit": 20.0}
@@ -185,7 +186,7 @@ def test_gym_make_by_preset_name_with_overrides(name: str) -> None:
     assert flags == [False, False, True]
 
 
-@pytest.mark.parametrize("mode", ["hop", "waypoint", "velocity"])
+@pytest.mark.parametrize("mode", ["hop", "waypoint", "velocity", "setpoint"])
 def test_team_and_parallel_views_show_the_same_world(mode: str) -> None:
     team, parallel = gym.make("osl_env/Team-v0", scenario=scenario(mode)), osl_env.parallel_env(scenario(mode))
     seen, _ = team.reset(seed=3)
@@ -206,7 +207,7 @@ def test_team_and_parallel_views_show_the_same_world(mode: str) -> None:
     assert not parallel.agents
 
 
-@pytest.mark.parametrize("mode", ["hop", "waypoint", "velocity"])
+@pytest.mark.parametrize("mode", ["hop", "waypoint", "velocity", "setpoint"])
 @pytest.mark.parametrize("name", ["Solo", "Team"])
 def test_stable_baselines3_checker(name: str, mode: str) -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
@@ -289,6 +290,10 @@ BAD_ACTIONS: list[tuple[str, Any]] = [
     ("velocity", np.full(4, np.nan, np.float32)),
     ("velocity", [0.0, 0.0, 2.0, 0.0]),
     ("velocity", "north"),
+    ("setpoint", np.zeros(3, np.float32)),
+    ("setpoint", np.full(4, np.nan, np.float32)),
+    ("setpoint", [0.0, 1.5, 0.0, 0.0]),
+    ("setpoint", "home"),
 ]
 
 
@@ -357,6 +362,23 @@ def test_box_actions_mean_what_the_table_says() -> None:
     actions[0, 1, 4] = 1.0
     ActionTranslator(world).step(actions)
     assert world.episode["declared"][0].tolist() == [20.0, 20.0, 10.0]
+
+
+def test_setpoint_actions_are_offsets_in_units_of_the_lookahead() -> None:
+    vehicle = {"kind": "point_mass", "position_gain": 0.5, "acceleration": 1000.0, "physics_step": 0.001}
+    world = begun(flying(action="setpoint", vehicle=vehicle))
+    before = world.motion["position"][0].copy()
+    actions = np.array([[[1, 0, 0, 0], [0, -0.5, 0, 0.95], [0, 0, 0, -1]]], np.float32)
+    ActionTranslator(world).step(actions)
+    # after 1 s, exp(-0.5) of an offset of 2 m is left; the step is of first order, and its error about 0.02 %
+    gone = 2.0 * (1.0 - np.exp(-0.5))
+    np.testing.assert_allclose(
+        world.motion["position"][0] - before, [[gone, 0, 0], [0, -gone / 2, 0], [0, 0, 0]], rtol=5e-4, atol=1e-12
+    )
+    here = world.motion["position"][0, 1].copy()
+    actions[0, 1, 3] = 1.0
+    ActionTranslator(world).step(actions)
+    assert world.episode["declared"][0].tolist() == here.tolist()
 
 
 @pytest.mark.parametrize("mode", MODES)

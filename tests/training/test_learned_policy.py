@@ -57,7 +57,7 @@ def network_of(flown: Sb3Policy) -> Any:
 def test_the_algorithm_is_found_and_flown(algorithm: str, keywords: dict[str, Any], tmp_path: Path) -> None:
     flown, task = made(tmp_path, algorithm, **keywords), TASKS[algorithm].override(**{"ending.time_limit": 20.0})
     assert isinstance(network_of(flown), TorchNetwork if keywords else Network)
-    assert flown.vehicle_commands == ("velocity" if algorithm == "SAC" else "leg")
+    assert flown.vehicle_commands == ("velocity" if algorithm == "SAC" else "leg",)
     together = run_batch(flown, task, [1, 2, 3])
     for seed, record in enumerate(together, start=1):
         (alone,) = run_batch(flown, task, [seed])
@@ -87,8 +87,19 @@ def test_actions_are_those_of_predict(algorithm: str, keywords: dict[str, Any], 
 
 def test_waypoint_models_are_told_by_their_action_space(tmp_path: Path) -> None:
     flown = made(tmp_path, task=TASKS["way"])
-    assert flown.vehicle_commands == "leg"
+    assert flown.vehicle_commands == ("leg",)
     assert run_batch(flown, small(), [1])
+
+
+def test_setpoint_models_are_told_by_their_parameter(tmp_path: Path) -> None:
+    path = write_sb3(tmp_path / "model.zip", flying(action="setpoint"), "SAC")
+    assert policy.make_policy("sb3", path=path).vehicle_commands == ("velocity",)
+    steering = policy.make_policy("sb3", path=path, agent="setpoint")
+    assert steering.vehicle_commands == ("setpoint",)
+    assert run_batch(steering, TASKS["SAC"].override(**{"ending.time_limit": 20.0}), [1])
+    assert "agent = 'hop': " in refusal(path=path, agent="hop")
+    assert "which are those of velocity or setpoint" in refusal(path=path, agent="waypoint")
+    assert "agent = 'course'" in refusal(path=path, agent="course")
 
 
 def test_stochastic_flights_follow_the_seed(tmp_path: Path) -> None:

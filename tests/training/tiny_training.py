@@ -12,6 +12,7 @@ from training.training_config import TrainingConfig, make_config
 
 EASY = {"team.n_uavs": 2, "ending.max_decisions": 5}
 FLYING = EASY | {"vehicle": {"kind": "point_mass"}, "action": "velocity"}
+STEERING = FLYING | {"action": "setpoint"}
 ON_POLICY = {"n_steps": 4, "batch_size": 24, "n_epochs": 2, "learning_rate": 1e-2, "final_learning_rate": 0.0}
 OFF_POLICY = {"buffer_size": 240, "learning_starts": 24, "batch_size": 8}
 TEAM = [{"kind": "belief", "particles": 16}, {"kind": "team", "slots": 3}, {"kind": "hits", "length": 2}]
@@ -55,6 +56,11 @@ KINDS: dict[str, dict[str, Any]] = {
         "algorithm": {"kind": "sac", **OFF_POLICY, "gradient_steps": 2},
         "environment": {"overrides": FLYING},
         "evaluation": {"overrides": FLYING},
+    },
+    "ppo-setpoint": {
+        "algorithm": {"kind": "ppo", **ON_POLICY},
+        "environment": {"overrides": STEERING},
+        "evaluation": {"overrides": STEERING},
     },
 }
 

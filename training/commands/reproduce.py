@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +14,7 @@ from osl_env.errors import InputError
 from training.commands.options import DEFAULT_STORE, Folder, OptionalCount, check_count, print_json
 
 if TYPE_CHECKING:
-    from training.reproduce.experiment import Experiment, Outcome
+    from training.reproduce.report import Report, Reproducible
 
 
 @dataclass(frozen=True)
@@ -22,11 +22,12 @@ class Reproduce:
     """Run a paper's experiments again: table, figure and notes "ours / paper"."""
 
     paper: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="PAPER")]
-    """muc-osl"""
+    """muc-osl or chemotaxis"""
     experiment: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="EXPERIMENT")] = "all"
-    """area, uavs, radius, particles, energy, example, gaden (these four in a filament plume: gaden-area, ..) or all"""
+    """muc-osl: area, uavs, radius, particles, energy, example, gaden (these four in a filament plume: gaden-area, ..);
+    chemotaxis: table1, table2, table3, tables (all three), parameters, trajectories; or all"""
     episodes: OptionalCount = None
-    """at most so many a setting; 200 by default, as in the paper"""
+    """at most so many a setting; by default as configured: muc-osl 200, as in the paper, chemotaxis 20"""
     seed: OptionalCount = None
     """of the first episode; by default as configured"""
     quick: bool = False
@@ -46,70 +47,70 @@ class Reproduce:
         check_count("seed", self.seed, 0)
         experiments = _chosen(self.paper, self.experiment)
         from training.records import check_output
-        from training.reproduce.experiment import QUICK_EPISODES, reproduce
         from training.store import Store
+        from training.sweep import check_jobs
 
+        check_jobs(self.jobs)
         check_output(self.out / self.paper / "figure.png", (".png",))
-        outcomes = []
+        reports = []
         for experiment in experiments:
-            outcome = reproduce(
-                experiment,
-                episodes=self.episodes or (QUICK_EPISODES if self.quick else None),
+            report = experiment.run(
+                episodes=self.episodes,
+                quick=self.quick,
                 first_seed=self.seed,
                 n_jobs=self.jobs,
                 store=Store(self.store),
             )
             folder = self.out / self.paper / experiment.name
-            outcome.write(folder)
-            outcomes.append(outcome)
+            files = report.write(folder)
+            reports.append(report)
             if not self.json:
-                _print(outcome, folder)
+                _print(report, folder, files)
         if self.json:
-            print_json([_as_json(outcome) for outcome in outcomes])
+            print_json([_as_json(report) for report in reports])
 
 
-def _chosen(paper: str, name: str) -> Sequence[Experiment]:
-    from training.reproduce import muc_osl
+def _chosen(paper: str, name: str) -> Sequence[Reproducible]:
+    from training.reproduce.papers import PAPERS
 
-    papers = {"muc-osl": muc_osl.EXPERIMENTS}
-    if paper not in papers:
-        raise InputError(f"unknown paper {paper!r}: allowed are {', '.join(papers)}")
-    experiments = papers[paper]
-    if name == "all":
-        return list(experiments.values())
-    if name in muc_osl.GROUPS:
-        return [experiments[member] for member in muc_osl.GROUPS[name]]
-    if name not in experiments:
-        allowed = [*experiments, *muc_osl.GROUPS]
-        near = difflib.get_close_matches(name, allowed, n=1)
-        hint = f"did you mean {near[0]!r}? " if near else ""
-        raise InputError(f"unknown experiment {name!r} of {paper}: {hint}allowed are {', '.join(allowed)}, all")
-    return [experiments[name]]
+    if paper not in PAPERS:
+        raise InputError(f"unknown paper {paper!r}: {_hint(paper, PAPERS)}allowed are {', '.join(PAPERS)}")
+    allowed = PAPERS[paper].names
+    if name not in allowed:
+        raise InputError(
+            f"unknown experiment {name!r} of {paper}: {_hint(name, allowed)}allowed are {', '.join(allowed)}"
+        )
+    return PAPERS[paper].chosen(name)
 
 
-def _print(outcome: Outcome, folder: Path) -> None:
-    from training.report import console, rules
+def _hint(name: str, allowed: Iterable[str]) -> str:
+    near = difflib.get_close_matches(name, list(allowed), n=1)
+    return f"did you mean {near[0]!r}? " if near else ""
+
+
+def _print(report: Report, folder: Path, files: Sequence[str]) -> None:
+    from training.report import console
+    from training.reproduce.report import verdicts
 
     screen = console()
-    screen.print(outcome.benchmark.title, style="bold")
-    screen.print(outcome.experiment.summary + "\n")
-    screen.print(outcome.tables())
-    screen.print("The paper's claims", style="bold")
-    screen.print(outcome.verdicts())
-    screen.print()
-    screen.print(outcome.experiment.remarks, style="dim")
-    screen.print(rules(outcome.groups, with_best=outcome.experiment.by_policy), style="dim")
-    screen.print(f"\nfigure.png, notes.md, table.csv and episodes.csv are in {folder}\n")
+    screen.print(report.title, style="bold")
+    screen.print(report.summary + "\n")
+    screen.print(report.tables())
+    if report.findings:
+        screen.print("The paper's claims", style="bold")
+        screen.print(verdicts(report.findings))
+        screen.print()
+    screen.print(report.remarks, style="dim")
+    screen.print(report.footnotes, style="dim")
+    screen.print(f"\n{', '.join(files[:-1])} and {files[-1]} are in {folder}\n")
 
 
-def _as_json(outcome: Outcome) -> dict[str, object]:
-    from training.comparison import wide
-
+def _as_json(report: Report) -> dict[str, object]:
     return {
-        "experiment": outcome.experiment.name,
-        "title": outcome.benchmark.title,
+        "experiment": report.name,
+        "title": report.title,
         "findings": [
-            {"claim": finding.claim, "verdict": finding.verdict, "ours": finding.ours} for finding in outcome.findings
+            {"claim": finding.claim, "verdict": finding.verdict, "ours": finding.ours} for finding in report.findings
         ],
-        "rows": wide(outcome.groups),
+        "rows": report.rows(),
     }

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 from rich.console import RenderableType
 from rich.table import Table
-from rich.text import Text
 
 from training.benchmark import Benchmark, Result, load_benchmark, run_benchmark
-from training.comparison import Group, episodes_frame, grouped, wide_frame
+from training.comparison import Group, episodes_frame, grouped, wide, wide_frame
 from training.figures import curves, energy_bars, last_moment, save, side_by_side
 from training.records import write_table, write_text
 from training.report import conditions, group_tables, rules, sweep_tables
 from training.reproduce.claims import Claim, Finding
+from training.reproduce.report import verdict_lines, verdicts
 from training.store import Store
 
 QUICK_EPISODES = 24
+_FILES = ("figure.png", "notes.md", "table.csv", "episodes.csv")
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,20 @@ class Experiment:
     energy_figure: bool = False
     picture_of: str = ""  # a policy, whose first episode is drawn
 
+    def run(
+        self,
+        *,
+        episodes: int | None = None,
+        quick: bool = False,
+        first_seed: int | None = None,
+        n_jobs: int | None = None,
+        store: Store | None = None,
+        progress: bool | None = None,
+    ) -> Outcome:
+        """`reproduce` this with at most `episodes` episodes a setting, or few if `quick`."""
+        most = episodes or (QUICK_EPISODES if quick else None)
+        return reproduce(self, episodes=most, first_seed=first_seed, n_jobs=n_jobs, store=store, progress=progress)
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -44,6 +60,31 @@ class Outcome:
     results: list[Result]
     groups: list[Group]
     findings: list[Finding]
+
+    @property
+    def name(self) -> str:
+        """Of the experiment."""
+        return self.experiment.name
+
+    @property
+    def title(self) -> str:
+        """The benchmark's."""
+        return self.benchmark.title
+
+    @property
+    def summary(self) -> str:
+        """What was flown."""
+        return self.experiment.summary
+
+    @property
+    def remarks(self) -> str:
+        """What is not the paper's, and what cannot be compared."""
+        return self.experiment.remarks
+
+    @property
+    def footnotes(self) -> str:
+        """The rules by which the figures came about."""
+        return rules(self.groups, with_best=self.experiment.by_policy)
 
     def tables(self) -> RenderableType:
         """For the terminal."""
@@ -62,13 +103,7 @@ class Outcome:
 
     def verdicts(self) -> Table:
         """Claims and verdicts, for the terminal."""
-        table = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
-        table.add_column(no_wrap=True)
-        table.add_column()
-        colours = {"holds": "green", "contradicted": "red", "open": "yellow"}
-        for finding in self.findings:
-            table.add_row(Text(finding.verdict, style=colours[finding.verdict]), f"{finding.claim}\n  {finding.ours}")
-        return table
+        return verdicts(self.findings)
 
     def notes(self) -> str:
         """Markdown: the claims, ours, and what cannot be compared."""
@@ -77,10 +112,8 @@ class Outcome:
             "",
             self.experiment.summary,
             "",
-            "| paper | ours | verdict |",
-            "| --- | --- | --- |",
+            *verdict_lines(self.findings),
         ]
-        lines += [f"| {finding.claim} | {finding.ours} | {finding.verdict} |" for finding in self.findings]
         lines += [
             "",
             self.experiment.remarks,
@@ -95,14 +128,19 @@ class Outcome:
         footnotes = [f"- {line}" for line in rules(self.groups, with_best=False).splitlines()]
         return "\n".join([*lines, "", *footnotes, ""])
 
-    def write(self, folder: Path) -> None:
-        """Table, episodes, figure and notes into `folder`."""
+    def rows(self) -> list[dict[str, Any]]:
+        """One row a policy, scenario and swept value."""
+        return wide(self.groups)
+
+    def write(self, folder: Path) -> list[str]:
+        """Table, episodes, figure and notes into `folder`; the names of the files."""
         write_table(folder / "table.csv", wide_frame(self.groups))
         write_table(folder / "episodes.csv", episodes_frame(self.results))
         write_text(folder / "notes.md", self.notes())
         save(self.figure(), folder / "figure.png")
         for case in (result.case for result in self.results if result.case.policy == self.experiment.picture_of):
             save(last_moment(case.cell.policy, case.cell.scenario, case.cell.seeds[0]), folder / "episode.png")
+        return list(_FILES)
 
 
 def reproduce(
