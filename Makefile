@@ -25,6 +25,7 @@ lint: $(VENV)/test.stamp
 reproduce: $(VENV)/run.stamp
 	$(BIN)/osl reproduce muc-osl all --episodes $(EPISODES)
 	$(BIN)/osl reproduce chemotaxis all
+	$(BIN)/osl reproduce gaslam all
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-only --benchmark-columns=min,median,ops

@@ -192,6 +192,10 @@ _MODULES: dict[str, str] = {
     "lawnmower": "baselines.lawnmower",
     "surge-cast": "baselines.surge_cast",
     "chemotaxis": "baselines.chemotaxis.policy",
+    "gaslam": "baselines.gaslam.policy",
+    "kernel-peak": "baselines.gaslam.rivals",
+    "boustrophedon-ste": "baselines.gaslam.rivals",
+    "rahbar-ste": "baselines.gaslam.rivals",
     "checkpoint": "baselines.learned.policies",
 }
 SHIPPED_CHECKPOINTS = ("rppo-raw", "ppo-belief")  # learned; known where their checkpoint is there

@@ -49,6 +49,7 @@ def p_text(p_value: float) -> str:
 
 
 _PER_CENT, _MINUTES, _KILO, _MILLI = 100.0, 1 / 60, 1e-3, 1e3
+_POLICIES_A_LINE = 6  # of a sweep: 80 columns hold no more
 
 Columns = Sequence[tuple[str, Callable[[Row], str]]]
 
@@ -185,18 +186,26 @@ def sweep_tables(groups: Sequence[Group], sweep: Sweep | None) -> RenderableType
         ("success rate, %", "success_rate", _PER_CENT, 0),
         ("capped mean search time, min", "capped_search_time", _MINUTES, 1),
     ):
-        table = _plain_table()
-        table.add_column(first, overflow="fold")
-        for label in labels:
-            table.add_column(folded(label), justify="right", no_wrap=True)
-        for group in groups:
-            cells = {row.label: with_spread(row.estimates[measure], scale, digits) for row in group.rows}
-            name = group.scenario if group.value is None else f"{group.value:g}"
-            if group.value is not None and not shared_scenario:
-                name = f"{group.scenario} {name}"
-            table.add_row(name, *(cells.get(label, MISSING) for label in labels))
-        parts += [Text(f"{title} (± half the 95 % interval)", style="bold"), table, Text()]
+        parts.append(Text(f"{title} (± half the 95 % interval)", style="bold"))
+        for some in _side_by_side(labels):
+            table = _plain_table()
+            table.add_column(first, overflow="fold")
+            for label in some:
+                table.add_column(folded(label), justify="right", no_wrap=True)
+            for group in groups:
+                cells = {row.label: with_spread(row.estimates[measure], scale, digits) for row in group.rows}
+                name = group.scenario if group.value is None else f"{group.value:g}"
+                if group.value is not None and not shared_scenario:
+                    name = f"{group.scenario} {name}"
+                table.add_row(name, *(cells.get(label, MISSING) for label in some))
+            parts += [table, Text()]
     return Lines(*parts)
+
+
+def _side_by_side(labels: Sequence[str]) -> list[Sequence[str]]:
+    """The policies in lots that fit a line of the terminal."""
+    lot = math.ceil(len(labels) / math.ceil(len(labels) / _POLICIES_A_LINE))
+    return [labels[k : k + lot] for k in range(0, len(labels), lot)]
 
 
 def rules(groups: Sequence[Group], *, with_best: bool = True) -> str:

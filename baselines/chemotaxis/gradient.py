@@ -28,10 +28,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numba import njit
 
+from baselines.steering import Direction
 from osl_env.parameters import FloatArray
 
 Rule: TypeAlias = Literal["jitter", "probe", "minimum_norm", "printed"]
-Direction: TypeAlias = tuple[float, float, float]
 
 _EPSILON = float(np.finfo(np.float64).eps)
 _SWEEPS = 40  # of Jacobi at most; it takes four to six

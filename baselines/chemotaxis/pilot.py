@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from baselines.chemotaxis.declaring import Declaring
-from baselines.chemotaxis.gradient import Direction, Window
+from baselines.chemotaxis.gradient import Window
 from baselines.chemotaxis.scan import Pattern, has_other_side, layer_heights, scan_round
-from baselines.chemotaxis.steering import Steering
 from baselines.policy import Briefing
+from baselines.steering import Direction, Steering
 from osl_env.actions import Action, Hover, Setpoint, Waypoint
 from osl_env.errors import InputError
 from osl_env.observation import Observation

@@ -57,3 +57,19 @@ def test_random_presets_differ_in_what_they_draw_alone(name: str) -> None:
     assert np.all(position <= high)
     same = {"name", "description", "sources", "wind"}
     assert fixed.model_dump(exclude=same) == drawn.model_dump(exclude=same)
+
+
+@pytest.mark.parametrize("name", TUNNELS)
+def test_real_tunnels_differ_in_the_wind_s_fluctuations_and_the_sensor_s_lag_alone(name: str) -> None:
+    ideal: Any = load_scenario(name)
+    real: Any = load_scenario(f"{name}-real")
+    other = {"name", "description", "wind", "gas_sensor"}
+    assert ideal.model_dump(exclude=other) == real.model_dump(exclude=other)
+    assert (real.wind.velocity, real.wind.kind) == (ideal.wind.velocity, "meander")
+    assert real.wind.speed_std / real.wind.speed == pytest.approx(0.2)
+    assert real.wind.angle_time * real.wind.speed == pytest.approx(4.0, rel=0.01)  # the tunnel's width
+    lag = {"rise_time": 1.0, "recovery_time": 1.0}
+    assert ideal.gas_sensor.model_dump() | lag == real.gas_sensor.model_dump()
+    assert ideal.gas_sensor.rise_time == ideal.gas_sensor.recovery_time == 0.0
+    drawn = load_scenario(f"{name}-real-random")
+    assert drawn.sources == load_scenario(f"{name}-random").sources

@@ -22,12 +22,13 @@ class Reproduce:
     """Run a paper's experiments again: table, figure and notes "ours / paper"."""
 
     paper: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="PAPER")]
-    """muc-osl or chemotaxis"""
+    """muc-osl, chemotaxis or gaslam"""
     experiment: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="EXPERIMENT")] = "all"
     """muc-osl: area, uavs, radius, particles, energy, example, gaden (these four in a filament plume: gaden-area, ..);
-    chemotaxis: table1, table2, table3, tables (all three), parameters, trajectories; or all"""
+    chemotaxis: table1, table2, table3, tables (all three), parameters, trajectories; gaslam: table2, real (with meander
+    and lag), maps, ablation; or all"""
     episodes: OptionalCount = None
-    """at most so many a setting; by default as configured: muc-osl 200, as in the paper, chemotaxis 20"""
+    """at most so many a setting; by default as configured: muc-osl 200, gaslam 10, as in the papers; chemotaxis 20"""
     seed: OptionalCount = None
     """of the first episode; by default as configured"""
     quick: bool = False
@@ -37,7 +38,7 @@ class Reproduce:
     out: Folder = Path("results/reproduce")
     """for the files"""
     store: Folder = DEFAULT_STORE
-    """keeps finished episodes; the same command takes them from there"""
+    """keeps finished episodes; the same command takes them from there (gaslam's are flown again, for their maps)"""
     json: bool = False
     """print JSON only"""
 

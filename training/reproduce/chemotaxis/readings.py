@@ -12,7 +12,7 @@ REMARKS = (
     "search; a plume of puffs, developed at the start, with Briggs A dispersion over each puff's own path; least "
     "squares on positions with that jitter, as on a straight sweep the printed one has no unique solution; targets "
     "stay inside the bounds, and leaving them by more than 0.5 m ends a flight. The vehicle is our own rigid body and"
-    " geometric controller with the crazyflie's parameters, held against RotorPy's by a test; unlike RotorPy's, its tilt"
-    " is limited, to 60 degrees: without a limit a way point more than 0.65 m below turns the vehicle over, and some 3 %"
-    " of the flights are lost. Success means reached, knowing it or not, as in the paper."
+    " geometric controller with the crazyflie's parameters, held against RotorPy's by a test. Unlike that one, it "
+    "limits the tilt, to 60 degrees: without a limit a way point more than 0.65 m below turns the vehicle over, and "
+    "some 3 % of the flights are lost. Success means reached, knowing it or not, as in the paper."
 )

@@ -8,13 +8,15 @@ for `_PATIENCE` s (wind, an obstacle or a bound can keep it away for good): a fl
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
-from baselines.chemotaxis.gradient import Direction
-from baselines.chemotaxis.ways import Ways
 from baselines.policy import Briefing
+from baselines.ways import Ways
 from osl_env.parameters import FloatArray
+
+Direction: TypeAlias = tuple[float, float, float]  # a place, m, or a direction: faster than small arrays
 
 _PATIENCE = 5.0  # s without progress
 _TRIES = 3  # decisions without progress, at least: a leg can take longer than the patience
