@@ -159,7 +159,11 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=128)
     parser.add_argument("--samples", type=int, default=20, help="moments of each world, 2.5 s apart")
     parser.add_argument("--sampling-time", type=float, default=None, help="s; default: the vehicle's hover_time")
+    parser.add_argument("--length", type=float, default=float(_STATIONS[-1]), help="m, of the farthest station")
     given = parser.parse_args()
+    scale = given.length / float(_STATIONS[-1])
+    for lengths in (_STATIONS, _ACROSS, _UP):
+        lengths *= scale
     scenario = load_scenario(given.scenario)
     sampling_time = given.sampling_time or scenario.vehicle.hover_time
     speed = float(np.linalg.norm(scenario.wind.draw(np.arange(1))))

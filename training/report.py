@@ -160,9 +160,9 @@ def conditions(scenario: Scenario, seeds: Sequence[int], *, swept: bool = False)
     if isinstance(plume, HitRatePlume):
         gas = f"A = {plume.source_strength * scenario.vehicle.hover_time:g}"
     radius = "unlimited" if math.isinf(scenario.radio.radius) else f"{scenario.radio.radius:g} m"
-    return (
-        f"{scenario.team.n_uavs} UAVs, {gas}, radio {radius}, {scenario.clock} clock, seeds {seeds[0]} to {seeds[-1]}"
-    )
+    n_uavs = scenario.team.n_uavs
+    team = "1 UAV" if n_uavs == 1 else f"{n_uavs} UAVs"
+    return f"{team}, {gas}, radio {radius}, {scenario.clock} clock, seeds {seeds[0]} to {seeds[-1]}"
 
 
 def _conditions(group: Group) -> str:

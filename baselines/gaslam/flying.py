@@ -18,6 +18,7 @@ from osl_env.parameters import FloatArray
 
 _AHEAD = 0.9  # cosine: a UAV that flies to its goal so straight need not slow down for it
 _HERE = 1e-6  # m: no flight
+_MARGIN, _OF_SIDE = 0.5, 0.1  # m, and share of a side at most: how far from the bounds goals of a body stay
 
 
 class Flying:
@@ -37,7 +38,14 @@ class Flying:
         self.aim((0.0, 0.0, 0.0))
 
     def aim(self, goal: Direction) -> None:
-        """Be bound for `goal`, m, from now on."""
+        """Be bound for `goal`, m, from now on. A body that steers to setpoints overshoots: off the bounds with it."""
+        if self._action == "setpoint":
+            x, y, z = (
+                min(max(c, margin), side - margin)
+                for c, side in zip(goal, self._briefing.area.tolist(), strict=True)
+                for margin in (min(_MARGIN, _OF_SIDE * side),)
+            )
+            goal = (x, y, z)
         self._goal = goal
         self._steering.aim(goal)
 

@@ -4,8 +4,8 @@ Parameters are stated for the paper's search volume of 7 x 2 x 0.5 m and its sen
 they are carried over to another area and sensor; without, they are taken as they stand:
 
     cells, bins   14 x 10 x 5, over the area
-    lengths       times the cube root of the area's volume over the paper's: the kernel's width, and its stretching, a
-                  length for each m/s
+    lengths       times the cube root of the area's volume over the paper's: the kernel's width. Its stretching is a
+                  time, the wind's, and stays: scaled, it made a kernel of eight metres for a plume of twenty
     sensor_scale  times the sensor's full scale over 1000; where it has none or counts hits, 10 times the highest mean
                   in the kernel map stand for it: sigma_E, 0.03 of the scale, is then 0.3 of that mean
 
@@ -66,8 +66,7 @@ class Mapping:
         p = self._parameters = parameters
         scale, sensor = length_scale(briefing, p), briefing.gas_sensor
         self.cells = Cells(np.zeros(3), np.asarray(briefing.area, dtype=np.float64), p.shape)
-        widened = {"width": scale * p.kernel.width, "stretching": scale * p.kernel.stretching}
-        self.kernel = KernelMap(self.cells, p.kernel.model_copy(update=widened))
+        self.kernel = KernelMap(self.cells, p.kernel.model_copy(update={"width": scale * p.kernel.width}))
         self._counts = sensor.reports == "hits"
         self._floor = briefing.threshold if p.minimum_gas is None else p.minimum_gas
         full_scale = math.inf if self._counts else float(sensor.full_scale)
