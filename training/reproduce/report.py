@@ -53,6 +53,32 @@ class Report(Protocol):
         """Tables, notes and figures into `folder`; the names of the files."""
 
 
+class ExperimentReport:
+    """Base of the reports: what the experiment itself says."""
+
+    experiment: Any
+
+    @property
+    def name(self) -> str:
+        """Of the experiment."""
+        return str(self.experiment.name)
+
+    @property
+    def title(self) -> str:
+        """One line."""
+        return str(self.experiment.title)
+
+    @property
+    def summary(self) -> str:
+        """What was flown."""
+        return str(self.experiment.summary)
+
+    @property
+    def remarks(self) -> str:
+        """What is read differently, and what cannot be compared."""
+        return str(self.experiment.remarks)
+
+
 class Reproducible(Protocol):
     """A published experiment that can be flown."""
 

@@ -21,7 +21,7 @@ from training.reproduce.chemotaxis.figures import Panel, strips
 from training.reproduce.chemotaxis.readings import REMARKS
 from training.reproduce.chemotaxis.tables import FOOTNOTES, plain_rows, setting_tables, source_tables
 from training.reproduce.claims import Finding
-from training.reproduce.report import verdict_lines
+from training.reproduce.report import ExperimentReport, verdict_lines
 from training.store import Store
 
 QUICK_EPISODES = 3
@@ -63,32 +63,12 @@ class CellExperiment:
 
 
 @dataclass(frozen=True)
-class CellReport:
+class CellReport(ExperimentReport):
     """An experiment, its cells and the verdicts on its claims."""
 
     experiment: CellExperiment
     cells: Sequence[FlownCell]
     findings: Sequence[Finding]
-
-    @property
-    def name(self) -> str:
-        """Of the experiment."""
-        return self.experiment.name
-
-    @property
-    def title(self) -> str:
-        """One line."""
-        return self.experiment.title
-
-    @property
-    def summary(self) -> str:
-        """What was flown."""
-        return self.experiment.summary
-
-    @property
-    def remarks(self) -> str:
-        """What is read differently, and what cannot be compared."""
-        return self.experiment.remarks
 
     @property
     def footnotes(self) -> str:

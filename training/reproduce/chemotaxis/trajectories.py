@@ -26,7 +26,7 @@ from training.reproduce.chemotaxis.readings import REMARKS
 from training.reproduce.chemotaxis.tables_of_paper import PARTS
 from training.reproduce.chemotaxis.tracks import Track, fly_track
 from training.reproduce.claims import Finding
-from training.reproduce.report import verdict_lines
+from training.reproduce.report import ExperimentReport, verdict_lines
 from training.store import Store
 
 _OVERVIEWS = {"overview.png": (draw_plan, ("x, m", "y, m")), "heights.png": (draw_height, ("time, s", "z, m"))}
@@ -61,27 +61,12 @@ class Trajectories:
 
 
 @dataclass(frozen=True)
-class TrajectoryReport:
+class TrajectoryReport(ExperimentReport):
     """The watched flights and the verdicts on the claims about them."""
 
     experiment: Trajectories
     flights: Sequence[tuple[FlownCell, Track]]
     findings: Sequence[Finding]
-
-    @property
-    def name(self) -> str:
-        """Of the experiment."""
-        return self.experiment.name
-
-    @property
-    def title(self) -> str:
-        """One line."""
-        return self.experiment.title
-
-    @property
-    def summary(self) -> str:
-        """What was flown."""
-        return self.experiment.summary
 
     @property
     def remarks(self) -> str:

@@ -20,7 +20,7 @@ from training.reproduce.gaslam.claims import POLICY, GasClaim
 from training.reproduce.gaslam.figures import error_boxes
 from training.reproduce.gaslam.readings import REMARKS
 from training.reproduce.gaslam.runs import Flown, fly_cases, planned_cases
-from training.reproduce.report import verdict_lines
+from training.reproduce.report import ExperimentReport, verdict_lines
 from training.store import Store
 
 QUICK_EPISODES = 3
@@ -56,32 +56,12 @@ class GasExperiment:
 
 
 @dataclass(frozen=True)
-class GasReport:
+class GasReport(ExperimentReport):
     """An experiment, its runs and the verdicts on its claims."""
 
     experiment: GasExperiment
     flown: Sequence[Flown]
     findings: Sequence[Finding]
-
-    @property
-    def name(self) -> str:
-        """Of the experiment."""
-        return self.experiment.name
-
-    @property
-    def title(self) -> str:
-        """One line."""
-        return self.experiment.title
-
-    @property
-    def summary(self) -> str:
-        """What was flown."""
-        return self.experiment.summary
-
-    @property
-    def remarks(self) -> str:
-        """What is read differently, and what cannot be compared."""
-        return self.experiment.remarks
 
     @property
     def footnotes(self) -> str:

@@ -20,6 +20,7 @@ from training.reproduce.gaslam.pictures import five_maps
 from training.reproduce.gaslam.published import CASES
 from training.reproduce.gaslam.readings import REMARKS
 from training.reproduce.gaslam.runs import Flown, fly_cases, planned_cases
+from training.reproduce.report import ExperimentReport
 from training.store import Store
 
 _FOOTNOTES = (
@@ -53,26 +54,11 @@ class MapPictures:
 
 
 @dataclass(frozen=True)
-class MapReport:
+class MapReport(ExperimentReport):
     """The runs that are drawn; a single run decides no claim."""
 
     experiment: MapPictures
     flown: Sequence[Flown]
-
-    @property
-    def name(self) -> str:
-        """Of the experiment."""
-        return self.experiment.name
-
-    @property
-    def title(self) -> str:
-        """One line."""
-        return self.experiment.title
-
-    @property
-    def summary(self) -> str:
-        """What was flown."""
-        return self.experiment.summary
 
     @property
     def findings(self) -> Sequence[Finding]:
