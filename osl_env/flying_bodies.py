@@ -26,11 +26,9 @@ from osl_env.geometry import Geometry, flight_share
 from osl_env.parameters import FloatArray
 from osl_env.state import DIVERGED, FLYING, HOVERING, LEFT, RUNNING, SLIDE, BoolArray, IntArray, StateArray
 from osl_env.vehicles.legs import is_lost
+from osl_env.vehicles.point_mass import HOVERING_SPEED, SURFACES
 from osl_env.vehicles.rigid_body import SCRATCH_SIZE, fly_step, has_diverged, hover_at
 from osl_env.vehicles.rotor_power import electrical_power
-
-_SURFACES = 3  # that a body can slide along in one control step
-_HOVERING_SPEED = 0.05  # m/s: below it, the power is that of hovering
 
 
 @njit(cache=True, error_model="numpy")
@@ -47,7 +45,7 @@ def _move_among(m: Any, c: Any, geometry: Any, frame: Any, state: Any, x: float,
     """The part of a body's way from (x, y, z), m, to where `state` has it that obstacles allow: the path flown, m."""
     path = 0.0
     dx, dy, dz = state[0] - x, state[1] - y, state[2] - z
-    for _ in range(_SURFACES):
+    for _ in range(SURFACES):
         share, nx, ny, nz = flight_share(geometry, x, y, z, x + dx, y + dy, z + dz)
         path += share * math.sqrt(dx * dx + dy * dy + dz * dz)
         x, y, z = x + share * dx, y + share * dy, z + share * dz
@@ -103,7 +101,7 @@ def body_power(c: Any, frame: Any, rotors: Any, state: Any, wx: float, wy: float
     """W that a body draws now: from its rotors' thrust, or measured for flying and hovering."""
     if rotors is not None:
         return float(electrical_power(frame, rotors[0], state, wx, wy, wz))
-    return float(c.flying_power if _speed(state) > _HOVERING_SPEED else c.hovering_power)
+    return float(c.flying_power if _speed(state) > HOVERING_SPEED else c.hovering_power)
 
 
 @njit(inline="always", error_model="numpy")
@@ -132,7 +130,7 @@ def book_step(m: Any, book: Any, c: Any, frame: Any, state: Any, power: float, p
     if not alive:
         dt = max(remaining, 0.0) / power if power > 0.0 else 0.0
         m.exhausted = True
-    flying = _speed(state) > _HOVERING_SPEED
+    flying = _speed(state) > HOVERING_SPEED
     book.energy[FLYING if flying else HOVERING] += power * dt
     book.spent += power * dt
     book.search_time += dt

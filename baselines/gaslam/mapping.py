@@ -136,6 +136,11 @@ class Mapping:
         iterations = len(self.posterior.chain) + p.source_term.burn_in
         return float(_CELL_BITS * iterations * int(np.count_nonzero(use)))
 
+    @property
+    def sigma_e(self) -> float:
+        """sigma_E in the reading's unit, of an estimate from the present readings."""
+        return self._scaled(float(self.kernel.mean.max())).parameters.sigma_e
+
     def _scaled(self, highest: float) -> SourceTerm:
         """The source term on the sensor's scale, or on that of the `highest` mean in the map."""
         stated = self._parameters.source_term

@@ -34,19 +34,12 @@ class FlightParameters(MappingParameters):
     samples: int = quantity(1, "", ge=1)  # at the end of a leg
 
 
-class _Maps(Mapping):
-    @property
-    def sigma_e(self) -> float:
-        """sigma_E in the reading's unit, of an estimate from the present readings."""
-        return self._scaled(float(self.kernel.mean.max())).parameters.sigma_e
-
-
 class Flight(ABC):
     """One UAV's state of an episode."""
 
     def __init__(self, parameters: FlightParameters, briefing: Briefing) -> None:
         """Raises InputError for cells that the area cannot have."""
-        self.mapping = _Maps(parameters, briefing)
+        self.mapping = Mapping(parameters, briefing)
         self._scale = length_scale(briefing, parameters)
         self._flying = Flying(briefing, self._scale * parameters.arrival_radius, parameters.samples)
         self._budget = Budget(briefing)

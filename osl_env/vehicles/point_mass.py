@@ -26,8 +26,8 @@ from osl_env.parameters import quantity
 from osl_env.state import END, FLYING, HOVERING, LEFT, SLIDE
 from osl_env.vehicles.base import Vehicle
 
-_HOVERING_SPEED = 0.05  # m/s: below it, the power is that of hovering
-_SURFACES = 3  # that a UAV can slide along in one physics step: more than three do not meet in a corner
+HOVERING_SPEED = 0.05  # m/s: below it, the power is that of hovering
+SURFACES = 3  # that a UAV can slide along in one physics step: more than three do not meet in a corner
 
 
 class PointMass(Vehicle):
@@ -63,7 +63,7 @@ def _fly_among(m: Any, c: Any, geometry: Any, dt: float) -> float:
     position, velocity = m.position, m.velocity
     path, share = 0.0, 0.0
     dx, dy, dz = velocity[0] * dt, velocity[1] * dt, velocity[2] * dt
-    for _ in range(_SURFACES):
+    for _ in range(SURFACES):
         x = _held(position[0] + dx, c, velocity, 0)
         y = _held(position[1] + dy, c, velocity, 1)
         z = _held(position[2] + dz, c, velocity, 2)
@@ -120,7 +120,7 @@ def _substep(m: Any, book: Any, c: Any, geometry: Any, u: Any, v: Any, w: Any, d
     velocity[1] += share * dv
     velocity[2] += share * dw
     speed = math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2])
-    flying = speed > _HOVERING_SPEED
+    flying = speed > HOVERING_SPEED
     power = c.flying_power if flying else c.hovering_power
     remaining = c.capacity - book.spent
     alive = power * dt < remaining
