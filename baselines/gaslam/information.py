@@ -11,7 +11,8 @@ C. Ercolani and A. Martinoli, ICRA 2023 (github.com/WantingJIN/DDPM_STE_GSL): no
     KLD         of the posterior with a further reading in the candidate from the posterior without:
                 sum p' log(p' / p), over all parameters of the source; the greatest wins
     goal        here + r (candidate - here) + (1 - r) (source - here), r = 0.5 where nothing else is set (`exploration`;
-                1: the candidate itself), source being the likeliest one (`estimate = "best"`)
+                1: the candidate itself), source being the likeliest one (`estimate = "best"`). That this was the
+                navigation of 2019 is inferred: the controller as published later calls another mix of the two
 
 Readings of ours. Candidates are the four along x and y; the controller takes the four diagonals and the present place
 too (`candidates = "eight"`, without the present place). UAVs fly in a volume: up and
