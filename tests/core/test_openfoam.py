@@ -16,7 +16,8 @@ from osl_env.geometry import SOLID
 
 SHAPE, CELL = (6, 4, 2), 0.5
 HOLE = (2, 1, 0)  # the cell that is cut out
-ARENAS = ("arena-4x6-0", "arena-4x6-5", "arena-4x6-10", "arena-30x40")
+LAYOUTS = tuple(f"arena-4x6-{number}-{layout}" for number in (5, 10) for layout in "bc")
+ARENAS = ("arena-4x6-0", "arena-4x6-5", "arena-4x6-10", "arena-30x40", *LAYOUTS)
 
 
 def _list(values: np.ndarray, binary: bool) -> bytes:

@@ -4,7 +4,8 @@ Boxes are placed one after the other, from a seed: each is the candidate (of tho
 is farthest from the boxes already there. The first five of ten are therefore the layout of five. Every face lies on a
 face of the CFD mesh, so that no cell is cut.
 
-    python tools/openfoam/layout.py 10      # prints the `arena.obstacles` of configs/scenarios/arena-4x6-10.yaml
+    python tools/openfoam/layout.py 10         # prints the `arena.obstacles` of configs/scenarios/arena-4x6-10.yaml
+    python tools/openfoam/layout.py 10 -b      # of arena-4x6-10-b.yaml
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ REGION = ((1.3, 0.4), (5.0, 3.6))  # m: obstacles stay inside; free: source and 
 SIDES = (0.30, 0.50)  # m, shortest and longest side of a box
 CORRIDOR = 0.45  # m, free between two boxes: a robot keeps 0.15 m from either
 CANDIDATES = 400  # for each box
-SEED = 4
+SEEDS = {"": 4, "-b": 6, "-c": 7}  # by what the name of a preset ends with; 5 has no room for ten boxes
 
 
 def _gap(a: np.ndarray, b: np.ndarray) -> float:
@@ -29,7 +30,7 @@ def _gap(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.hypot(dx, dy))
 
 
-def boxes(number: int, seed: int = SEED) -> list[list[float]]:
+def boxes(number: int, seed: int) -> list[list[float]]:
     """The first `number` boxes (x0, y0, x1, y1), m."""
     rng = np.random.default_rng(seed)
     low, high = np.array(REGION[0]), np.array(REGION[1])
@@ -52,5 +53,5 @@ def boxes(number: int, seed: int = SEED) -> list[list[float]]:
 
 
 if __name__ == "__main__":
-    for x0, y0, x1, y1 in boxes(int(sys.argv[1])):
+    for x0, y0, x1, y1 in boxes(int(sys.argv[1]), SEEDS["".join(sys.argv[2:])]):
         print(f"    - {{kind: box, low: [{x0}, {y0}, 0], high: [{x1}, {y1}, {SIZE[2]}]}}")
