@@ -279,10 +279,14 @@ def test_shipped_field_is_the_flow_that_its_card_says(name: str) -> None:
     mean = field.wind.mean(axis=0)
     assert abs(mean[0, :, 0, 0].mean() - 0.5) < 0.01  # m/s: the first cells stand next to the inlet
     flux = (field.wind[..., 0].mean(axis=0) * field.free).sum(axis=(1, 2))
-    assert np.abs(flux / flux[0] - 1.0).max() < 0.02  # what comes in goes out; the rounding is 1 cm/s
+    # what comes in goes out. Velocities are those of the cells' centres: at the front of a box the flow turns within a
+    # cell, and a column errs by some per cent, its neighbours the other way
+    assert np.abs(flux / flux[0] - 1.0).max() < 0.035
+    assert np.abs(np.convolve(flux / flux[0] - 1.0, np.ones(4) / 4, "valid")).max() < 0.01
     if "wakes" in numbers:
         assert 0.05 < numbers["wakes"]["rms_m_s"][1] < 0.3
-        assert 0.17 <= numbers["wakes"]["shedding_hz"] <= 0.28
+        # Strouhal number 0.2: boxes 0.5 to 0.3 m wide in air of 0.4 (in a wake) to 0.7 m/s (in a gap)
+        assert 0.16 <= numbers["wakes"]["shedding_hz"] <= 0.47
     rms = np.sqrt(((field.wind - mean) ** 2).mean(axis=0)[field.free].mean(axis=0))
     np.testing.assert_allclose(rms[:2], numbers["wind"]["rms_m_s"][:2], rtol=0.02)
 
