@@ -11,17 +11,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from osl_env.ending import any_declares, end_at_source, judge, own_places
+from osl_env.energy import ThrustEnergy
+from osl_env.faults import FaultTimes
 from osl_env.flying import fly_hops, fly_periods, fly_waypoints
 from osl_env.flying_bodies import fly_body_periods
 from osl_env.flying_body_legs import fly_body_legs
 from osl_env.flying_rotorpy import RotorpyFleet
 from osl_env.geometry import Geometry
 from osl_env.parameters import FloatArray
-from osl_env.radio import send_in_range
+from osl_env.radio import ContactArray, send_in_range
 from osl_env.reward import shape
+from osl_env.scenario import Scenario
 from osl_env.state import BoolArray, IntArray, StateArray
 from osl_env.stepping import finish, settle
 from osl_env.surroundings import Surroundings
+from osl_env.vehicles.legs import hop_table
+from osl_env.vehicles.quadrotor import Quadrotor
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +44,24 @@ class Rules:
     frames: StateArray | None  # AIRFRAME (1,) of quadrotors; None: the vehicles have no body
     rotorpy: RotorpyFleet | None  # flies them instead
     rotors: StateArray | None  # (1,): their power from thrust; None: powers are measured ones
+
+    @classmethod
+    def of(cls, scenario: Scenario, constants: StateArray) -> Rules:
+        """The rules of `scenario`, whose `constants` are CONSTANTS (1,)."""
+        vehicle = scenario.vehicle
+        return cls(
+            constants=constants,
+            geometry=scenario.arena.geometry if scenario.arena.obstructed else None,
+            hop_table=hop_table(vehicle),
+            sampling_time=scenario.decision_time,
+            talks=scenario.radio.radius > 0 and scenario.team.n_uavs > 1,
+            to_all=scenario.hears_all,
+            reaching=scenario.ending.success == "reach",
+            shaping=scenario.reward.shaping > 0,
+            frames=vehicle.numbers() if isinstance(vehicle, Quadrotor) else None,
+            rotorpy=RotorpyFleet(vehicle) if isinstance(vehicle, Quadrotor) and vehicle.backend == "rotorpy" else None,
+            rotors=scenario.energy.numbers() if isinstance(scenario.energy, ThrustEnergy) else None,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +83,11 @@ class Block:
     team: StateArray
     links: BoolArray
     heard: StateArray
+    contacts: ContactArray
     sent: StateArray
     reach: BoolArray
     body: FloatArray  # (n_envs, n_uavs, 17), or empty
+    faults: FaultTimes | None  # of UAVs; None: there are none
 
     def hop(self, actions: IntArray, cursor: int) -> None:
         """One step of hops; see `World.step_hops`."""
@@ -110,6 +135,8 @@ class Block:
         b, rules, around = self, self.rules, self.surroundings
         if not around.rests:
             around.follow(b.stepping, b.motion, b.episode)
+        if b.faults is not None:
+            b.faults.strike(b.motion, b.senses, b.episode, b.stepping, flown=is_step)
         around.read_rates(b.positions, b.stepping, b.rates)
         in_range = rules.talks and not rules.to_all
         at_once = is_step and not in_range and not rules.reaching
@@ -118,7 +145,7 @@ class Block:
                rules.talks and rules.to_all, b.rewards, b.team, at_once)  # fmt: skip
         if in_range:
             send_in_range(b.motion, b.ledger, b.senses, b.episode, rules.constants, b.stepping, b.links, b.heard,
-                          b.sent, b.reach, cursor)  # fmt: skip
+                          b.contacts, b.sent, b.reach, cursor)  # fmt: skip
         if is_step and rules.reaching:
             end_at_source(b.motion, b.ledger, b.episode, rules.constants, b.sources, b.stepping)
         if is_step and not at_once:

@@ -2,8 +2,9 @@
 
 A declared position within `success_radius` of a source is a success, any other a false declaration; either ends the
 episode for the team. If several UAVs declare (or reach) in the same step, the one with the least search time of its
-own counts. A UAV whose battery is empty terminates, and so does one that runs into an obstacle under the rule `end`;
-one that has used up its time or its decisions is truncated; when none is left, the episode is over.
+own counts. A UAV whose battery is empty terminates, and so does one that runs into an obstacle under the rule `end` or
+that a fault strikes down (`osl_env.faults`); one that has used up its time or its decisions is truncated; when none is
+left, the episode is over.
 """
 
 from __future__ import annotations

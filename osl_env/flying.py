@@ -106,6 +106,8 @@ def fly_waypoints(
                 continue
             for axis in range(3):
                 m.target[axis] = min(max(targets[e, i, axis], 0.0), c.area[axis])
+            if c.planar:
+                m.target[2] = m.position[2]
             m.collided = False
             if geometry is not None:
                 x, y, z = m.position[0], m.position[1], m.position[2]

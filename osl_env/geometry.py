@@ -20,6 +20,7 @@ from osl_env.parameters import FloatArray
 from osl_env.state import BoolArray
 
 FREE, SOLID, OUTLET = 0, SOLID_CELL, 2  # contents of a cell of the occupancy grid (GADEN's numbers)
+_LONGER = 1.0 + 1e-9  # how much longer than a ray what is near it is looked for: more than rounding
 _BACK = 1e-9  # m along its path that a UAV stops before a surface, at least
 
 
@@ -155,23 +156,50 @@ def flight_share(
     return share, u, v, w
 
 
+@njit(inline="always", error_model="numpy")
+def _to_wall(area: Any, x: float, y: float, z: float, dx: float, dy: float, dz: float, longest: float) -> float:
+    """Distance, m, along the unit vector (dx, dy, dz) to the walls of the arena; `longest` if they are farther."""
+    reach = longest
+    if dx != 0.0 and area[0] < math.inf:
+        reach = min(reach, ((area[0] if dx > 0.0 else 0.0) - x) / dx)
+    if dy != 0.0 and area[1] < math.inf:
+        reach = min(reach, ((area[1] if dy > 0.0 else 0.0) - y) / dy)
+    if dz != 0.0 and area[2] < math.inf:
+        reach = min(reach, ((area[2] if dz > 0.0 else 0.0) - z) / dz)
+    return max(reach, 0.0)
+
+
 @njit(error_model="numpy")
 def ray_distance(
     geometry: Any, area: Any, x: float, y: float, z: float, dx: float, dy: float, dz: float, longest: float
 ) -> float:
     """Distance, m, from a place inside the arena along the unit vector (dx, dy, dz) to the first solid or bound.
 
-    The arena is [0, Lx] x [0, Ly] x [0, Lz] with `area` (3,) m; `longest` if there is nothing nearer.
+    The arena is [0, Lx] x [0, Ly] x [0, Lz] with `area` (3,) m, without walls across an axis where it is infinite;
+    `longest` if there is nothing nearer.
     """
-    reach = longest
-    if dx != 0.0:
-        reach = min(reach, ((area[0] if dx > 0.0 else 0.0) - x) / dx)
-    if dy != 0.0:
-        reach = min(reach, ((area[1] if dy > 0.0 else 0.0) - y) / dy)
-    if dz != 0.0:
-        reach = min(reach, ((area[2] if dz > 0.0 else 0.0) - z) / dz)
-    reach = max(reach, 0.0)
+    reach = _to_wall(area, x, y, z, dx, dy, dz, longest)
     return reach * clear_share(geometry, x, y, z, x + reach * dx, y + reach * dy, z + reach * dz)
+
+
+@njit(error_model="numpy")
+def _is_near(geometry: Any, x: float, y: float, z: float, radius: float) -> bool:
+    """Whether a solid may be within `radius`, m, of (x, y, z): no if none is; any grid of cells may."""
+    boxes, cylinders = geometry.boxes, geometry.cylinders
+    for n in range(boxes.shape[0]):
+        b = boxes[n]
+        if (
+            b[0] - radius <= x <= b[3] + radius
+            and b[1] - radius <= y <= b[4] + radius
+            and b[2] - radius <= z <= b[5] + radius
+        ):
+            return True
+    for n in range(cylinders.shape[0]):
+        c = cylinders[n]
+        across = c[2] + radius
+        if abs(x - c[0]) <= across and abs(y - c[1]) <= across and c[3] - radius <= z <= c[4] + radius:
+            return True
+    return bool(geometry.cells.size > 0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -182,15 +210,22 @@ def range_readings(
 
     The rays are horizontal and equally spaced in the world's frame: the first along +x, the others counter-clockwise.
     """
+    rays = np.empty((n_rays, 2))
     for r in range(n_rays):
         angle = 2.0 * math.pi * r / n_rays
-        dx, dy = math.cos(angle), math.sin(angle)
+        rays[r, 0], rays[r, 1] = math.cos(angle), math.sin(angle)
         if 4 * r % n_rays == 0:  # along an axis: exactly
-            dx, dy = float(round(dx)), float(round(dy))
-        for e in range(positions.shape[0]):
-            for i in range(positions.shape[1]):
-                x, y, z = positions[e, i, 0], positions[e, i, 1], positions[e, i, 2]
-                out[e, i, r] = ray_distance(geometry, area, x, y, z, dx, dy, 0.0, longest)
+            rays[r, 0], rays[r, 1] = float(round(rays[r, 0])), float(round(rays[r, 1]))
+    for e in range(positions.shape[0]):
+        for i in range(positions.shape[1]):
+            x, y, z = positions[e, i, 0], positions[e, i, 1], positions[e, i, 2]
+            alone = not _is_near(geometry, x, y, z, longest * _LONGER)
+            for r in range(n_rays):
+                dx, dy = rays[r, 0], rays[r, 1]
+                if alone:
+                    out[e, i, r] = _to_wall(area, x, y, z, dx, dy, 0.0, longest)
+                else:
+                    out[e, i, r] = ray_distance(geometry, area, x, y, z, dx, dy, 0.0, longest)
 
 
 @njit(cache=True, error_model="numpy")

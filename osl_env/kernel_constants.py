@@ -41,6 +41,7 @@ def kernel_constants(scenario: Scenario) -> StateArray:
     constants["collision"] = ("stop", "slide", "end").index(scenario.arena.collision)
     constants["bounds_end"] = scenario.arena.bounds == "end"
     constants["margin"] = scenario.arena.margin
+    constants["planar"] = vehicle.is_planar
     constants["reach"] = ending.success == "reach"
     constants["wind_noise"] = scenario.anemometer.noise
     constants["header_bytes"] = HEADER_BYTES

@@ -41,7 +41,9 @@ def _bits_to_float(typing_context: Any, bits: Any) -> Any:  # pragma: no cover -
 
 
 @intrinsic
-def _float_to_bits(typing_context: Any, value: Any) -> Any:  # pragma: no cover - compiled
+def float_to_bits(typing_context: Any, value: Any) -> Any:  # pragma: no cover - compiled
+    """The 64 bits of a double, as an integer: of numbers that are not negative, they order as the numbers do."""
+
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.bitcast(args[0], context.get_value_type(types.int64))
 
@@ -69,7 +71,7 @@ def exp(x: float) -> float:
     p = p * r + 0.5
     p = p * r + 1.0
     p = p * r + 1.0
-    return float(p * _bits_to_float((_float_to_bits(shifted) << _MANTISSA_BITS) + _ONE_BITS))  # type: ignore[call-arg]
+    return float(p * _bits_to_float((float_to_bits(shifted) << _MANTISSA_BITS) + _ONE_BITS))  # type: ignore[call-arg]
 
 
 @njit(inline="always")

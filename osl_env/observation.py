@@ -103,7 +103,7 @@ class ObservationLayout:
         # (4, BLOCK * flat_size), the same for each of BLOCK rows; both normalisations are one branch-free formula:
         # (x * gain + offset) / (|x| * bend + base)
         self._transform = np.ascontiguousarray(np.tile(np.array(columns, dtype=np.float32).T, BLOCK))
-        self._to_all = scenario.radio.reaches_all
+        self._to_all = scenario.hears_all
         area = scenario.arena.size
         self._numbers = np.array([*area, scenario.energy.capacity, scenario.ending.time_limit])
 
@@ -111,7 +111,7 @@ class ObservationLayout:
         """The physical rows of every UAV: (n_envs, n_uavs, size)."""
         rows = np.empty((*world.motion.shape, self.size))
         write_physical(
-            world.motion, world.ledger, world.senses, world.heard, world.episode, world.ranges,
+            world.motion, world.ledger, world.senses, world.heard, world.contacts, world.episode, world.ranges,
             self._numbers, self.n_neighbours, self._to_all, rows,
         )  # fmt: skip
         return rows
@@ -121,40 +121,44 @@ class ObservationLayout:
         if out is None:
             out = np.empty((*world.motion.shape, self.flat_size), dtype=np.float32)
         write_flat(
-            world.motion, world.ledger, world.senses, world.heard, world.episode, world.ranges,
+            world.motion, world.ledger, world.senses, world.heard, world.contacts, world.episode, world.ranges,
             self._numbers, self.n_neighbours, self._to_all, self._transform, out,
         )  # fmt: skip
         return out
 
     def observation(self, row: FloatArray) -> Observation:
         """The Observation that a physical row (size,) holds. Its arrays are views of the row."""
-        detections = row[HEAD_SIZE:DETECTIONS_END].reshape(_K, DETECTION_SIZE)
+        return Observation(*self.values(row[None])[0])
+
+    def values(self, rows: FloatArray) -> list[tuple[Any, ...]]:
+        """The fields, in order, of the Observations that physical `rows` (n, size) hold: much of the work is shared."""
+        detections = rows[:, HEAD_SIZE:DETECTIONS_END].reshape(len(rows), _K, DETECTION_SIZE)
         neighbours_end = DETECTIONS_END + self.n_neighbours * NEIGHBOUR_SIZE
         clock_at = neighbours_end + self.n_rays
-        neighbours = row[DETECTIONS_END:neighbours_end].reshape(self.n_neighbours, NEIGHBOUR_SIZE)
-        ready, reading, sampling_time, energy_left, time_left = row[12:HEAD_SIZE].tolist()
-        return Observation(
-            time=float(row[clock_at]),
-            decision=int(row[clock_at + 1]),
-            ready=ready > 0.0,
-            position=row[0:3],
-            velocity=row[6:9],
-            wind=row[9:12],
-            reading=reading,
-            sampling_time=sampling_time,
-            energy_left=energy_left,
-            time_left=time_left,
-            detection_mask=detections[:, 0] > 0.0,
-            detection_age=detections[:, 1],
-            detection_offset=detections[:, 2:5],
-            detection_reading=detections[:, 5],
-            neighbour_mask=neighbours[:, 0] > 0.0,
-            neighbour_id=row[clock_at + 2 :].astype(np.int64),
-            neighbour_offset=neighbours[:, 1:4],
-            neighbour_reading=neighbours[:, 4],
-            neighbour_sampling_time=neighbours[:, 5],
-            neighbour_age=neighbours[:, 6],
-            ranges=row[neighbours_end:clock_at],
+        neighbours = rows[:, DETECTIONS_END:neighbours_end].reshape(len(rows), self.n_neighbours, NEIGHBOUR_SIZE)
+        head, end = rows[:, 13:HEAD_SIZE].T.tolist(), rows[:, clock_at : clock_at + 2]
+        return list(
+            zip(
+                end[:, 0].tolist(),  # time
+                end[:, 1].astype(np.int64).tolist(),
+                (rows[:, 12] > 0.0).tolist(),  # ready
+                rows[:, 0:3],
+                rows[:, 6:9],
+                rows[:, 9:12],  # wind
+                *head,  # reading, sampling time, energy and time left
+                detections[:, :, 0] > 0.0,
+                detections[:, :, 1],
+                detections[:, :, 2:5],
+                detections[:, :, 5],
+                neighbours[:, :, 0] > 0.0,
+                rows[:, clock_at + 2 :].astype(np.int64),
+                neighbours[:, :, 1:4],
+                neighbours[:, :, 4],
+                neighbours[:, :, 5],
+                neighbours[:, :, 6],
+                rows[:, neighbours_end:clock_at],
+                strict=True,
+            )
         )
 
 

@@ -13,7 +13,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from osl_env.numerics import float_to_bits
 from osl_env.parameters import FloatArray
+from osl_env.radio import ContactArray
 from osl_env.state import DETECTION_MEMORY, StateArray
 
 _K = DETECTION_MEMORY
@@ -21,6 +23,7 @@ DETECTION_SIZE = 6  # mask, age, offset (3), reading
 NEIGHBOUR_SIZE = 7  # mask, offset (3), reading, sampling time, age
 HEAD_SIZE = 17
 DETECTIONS_END = HEAD_SIZE + _K * DETECTION_SIZE
+_NUMBER = (1 << 29) - 1  # bits of a double that a number in single precision leaves at zero
 BLOCK = 32  # UAVs whose rows are written before they are normalised
 
 
@@ -53,11 +56,31 @@ def _write_row(motion: Any, ledger: Any, senses: Any, clock: float, numbers: Any
         at += DETECTION_SIZE
 
 
-@njit(inline="always", error_model="numpy")
-def _squared(dx: Any, dy: Any, dz: Any) -> Any:
-    """Squared distance in single precision: both forms of an observation must order their neighbours alike."""
-    u, v, w = np.float32(dx), np.float32(dy), np.float32(dz)
-    return u * u + v * v + w * w
+@njit(error_model="numpy")
+def _find_nearest(motion: Any, heard: Any, contacts: Any, to_all: bool, e: int, own: int, nearest: Any) -> int:
+    """The nearest of those that UAV `own` of world `e` has heard, into `nearest` (n_neighbours,); returns how many.
+
+    By insertion of keys that order as (distance, number) do: the bits of the squared distance in single precision (so
+    that both forms of an observation order their neighbours alike), with the number in bits that it leaves free.
+    """
+    position, most, n = motion[e, own].position, nearest.size, 0
+    for k in range(motion.shape[1] if to_all else contacts[e, own, 0]):
+        j = k if to_all else int(contacts[e, own, 1 + k])
+        if j == own:
+            continue
+        place = motion[e, j].position if to_all else heard[e, own, j].position
+        dx, dy, dz = place[0] - position[0], place[1] - position[1], place[2] - position[2]
+        u, v, w = np.float32(dx), np.float32(dy), np.float32(dz)
+        key = float_to_bits(float(u * u + v * v + w * w)) | j  # type: ignore[call-arg]
+        if n == most and key >= nearest[most - 1]:
+            continue
+        slot = min(n, most - 1)
+        while slot > 0 and nearest[slot - 1] > key:
+            nearest[slot] = nearest[slot - 1]
+            slot -= 1
+        nearest[slot] = key
+        n = min(n + 1, most)
+    return n
 
 
 @njit(inline="always", error_model="numpy")
@@ -65,49 +88,38 @@ def _write_neighbours(
     motion: Any,
     senses: Any,
     heard: Any,
+    contacts: Any,
     to_all: bool,
     e: int,
     own: int,
     clock: float,
-    n_neighbours: int,
+    nearest: Any,
     row: Any,
     extra: Any,
 ) -> None:
-    """The neighbour table of UAV `own` of world `e`: the nearest heard ones, by insertion into the table."""
-    position = motion[e, own].position
-    count = 0
-    for j in range(motion.shape[1] if n_neighbours > 0 else 0):
-        if j == own or (not to_all and not heard[e, own, j].known):
-            continue
-        sent = motion[e, j].position if to_all else heard[e, own, j].position
-        dx, dy, dz = sent[0] - position[0], sent[1] - position[1], sent[2] - position[2]
-        squared = _squared(dx, dy, dz)
-        slot = count
-        while slot > 0:
-            at = DETECTIONS_END + (slot - 1) * NEIGHBOUR_SIZE
-            if _squared(row[at + 1], row[at + 2], row[at + 3]) <= squared:
-                break
-            if slot < n_neighbours:
-                for column in range(NEIGHBOUR_SIZE):
-                    row[at + NEIGHBOUR_SIZE + column] = row[at + column]
-                extra[2 + slot] = extra[1 + slot]
-            slot -= 1
-        if slot < n_neighbours:
-            at = DETECTIONS_END + slot * NEIGHBOUR_SIZE
-            row[at], row[at + 1], row[at + 2], row[at + 3] = 1.0, dx, dy, dz
-            if to_all:
-                row[at + 4], row[at + 5] = senses[e, j].reading, senses[e, j].sampling_time
-                row[at + 6] = clock - senses[e, j].sent_time
-            else:
-                frame = heard[e, own, j]
-                row[at + 4], row[at + 5], row[at + 6] = frame.reading, frame.sampling_time, clock - frame.time
-            extra[2 + slot] = float(j)
-        count = min(count + 1, n_neighbours)
-    for slot in range(count, n_neighbours):
+    """The neighbour table of UAV `own` of world `e`; `nearest` (n_neighbours,) is room to find them."""
+    if nearest.size == 0:
+        return
+    count, position = _find_nearest(motion, heard, contacts, to_all, e, own, nearest), motion[e, own].position
+    for slot in range(nearest.size):
         at = DETECTIONS_END + slot * NEIGHBOUR_SIZE
-        for column in range(NEIGHBOUR_SIZE):
-            row[at + column] = 0.0
-        extra[2 + slot] = -1.0
+        if slot >= count:
+            for column in range(NEIGHBOUR_SIZE):
+                row[at + column] = 0.0
+            extra[2 + slot] = -1.0
+            continue
+        j = nearest[slot] & _NUMBER
+        place = motion[e, j].position if to_all else heard[e, own, j].position
+        row[at] = 1.0
+        for axis in range(3):
+            row[at + 1 + axis] = place[axis] - position[axis]
+        if to_all:
+            row[at + 4], row[at + 5] = senses[e, j].reading, senses[e, j].sampling_time
+            row[at + 6] = clock - senses[e, j].sent_time
+        else:
+            frame = heard[e, own, j]
+            row[at + 4], row[at + 5], row[at + 6] = frame.reading, frame.sampling_time, clock - frame.time
+        extra[2 + slot] = float(j)
 
 
 @njit(cache=True, error_model="numpy")
@@ -116,6 +128,7 @@ def write_physical(
     ledger: StateArray,
     senses: StateArray,
     heard: StateArray,
+    contacts: ContactArray,
     episode: StateArray,
     ranges: FloatArray,
     numbers: FloatArray,
@@ -125,13 +138,13 @@ def write_physical(
 ) -> None:
     """The physical rows of all UAVs, into `rows` (n_envs, n_uavs, size); `ranges` (n_envs, n_uavs, n_rays), m."""
     n_envs, n_uavs = motion.shape
-    width = rows.shape[2] - 2 - n_neighbours
+    width, nearest = rows.shape[2] - 2 - n_neighbours, np.empty(n_neighbours, np.int64)
     for e in range(n_envs):
         clock = episode[e].clock
         for i in range(n_uavs):
             row, extra = rows[e, i, :width], rows[e, i, width:]
             _write_row(motion[e, i], ledger[e, i], senses[e, i], clock, numbers, row, extra)
-            _write_neighbours(motion, senses, heard, to_all, e, i, clock, n_neighbours, row, extra)
+            _write_neighbours(motion, senses, heard, contacts, to_all, e, i, clock, nearest, row, extra)
             for k in range(ranges.shape[2]):
                 row[width - ranges.shape[2] + k] = ranges[e, i, k]
 
@@ -142,6 +155,7 @@ def write_flat(
     ledger: StateArray,
     senses: StateArray,
     heard: StateArray,
+    contacts: ContactArray,
     episode: StateArray,
     ranges: FloatArray,
     numbers: FloatArray,
@@ -156,7 +170,7 @@ def write_flat(
     flat = out.reshape(-1)
     rows = np.zeros((min(BLOCK, n), width), dtype=np.float32)
     numbers_of_row = rows.reshape(-1)
-    extra = np.zeros(2 + n_neighbours, dtype=np.float32)
+    extra, nearest = np.zeros(2 + n_neighbours, dtype=np.float32), np.empty(n_neighbours, np.int64)
     gain, offset, bend, base = transform[0], transform[1], transform[2], transform[3]
     one = np.float32(1.0)
     e, i = 0, 0
@@ -165,7 +179,7 @@ def write_flat(
         for b in range(count):
             clock, row = episode[e].clock, rows[b]
             _write_row(motion[e, i], ledger[e, i], senses[e, i], clock, numbers, row, extra)
-            _write_neighbours(motion, senses, heard, to_all, e, i, clock, n_neighbours, row, extra)
+            _write_neighbours(motion, senses, heard, contacts, to_all, e, i, clock, nearest, row, extra)
             for k in range(ranges.shape[2]):
                 row[width - ranges.shape[2] + k] = ranges[e, i, k]
             i += 1

@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from osl_env.errors import InputError
-from osl_env.state import DIVERGED, ENERGY_KINDS, FALSE_DECLARATION, LEFT, SUCCESS
+from osl_env.state import DIVERGED, ENERGY_KINDS, FALSE_DECLARATION, LEFT, LOST, SUCCESS
 
 if TYPE_CHECKING:
     from osl_env.world import World
 
 Ending = Literal[
-    "success", "false_declaration", "time", "battery", "decisions", "collision", "out_of_bounds", "diverged"
+    "success", "false_declaration", "time", "battery", "decisions", "collision", "out_of_bounds", "diverged", "lost"
 ]
 
 
@@ -154,7 +154,7 @@ class EpisodeRecord:
 
 def _ending(world: World, env: int) -> Ending:
     """Why the episode is over. If the UAVs stopped for different reasons: time before decisions before a battery before
-    what else ends a flight.
+    what else ends a flight; "lost" only if a fault has ended them all.
     """
     outcome, ending = world.episode["outcome"][env], world.scenario.ending
     if outcome == SUCCESS:
@@ -170,6 +170,8 @@ def _ending(world: World, env: int) -> Ending:
     if np.any(motion["exhausted"]):
         return "battery"
     fates = motion["fate"]
+    if np.all(fates == LOST):
+        return "lost"
     return "diverged" if np.any(fates == DIVERGED) else "out_of_bounds" if np.any(fates == LEFT) else "collision"
 
 

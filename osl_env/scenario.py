@@ -14,6 +14,7 @@ from pydantic import ValidationError, model_validator
 from osl_env.arena import Arena
 from osl_env.configuration import merged
 from osl_env.energy import MeasuredEnergy, ThrustEnergy
+from osl_env.faults import UavFaults
 from osl_env.fields.references import by_content
 from osl_env.parameters import Parameters, Vector, one_line, quantity
 from osl_env.placement import Sources, Team
@@ -53,6 +54,8 @@ _DEFAULT_KINDS = {
 _ADDED: dict[str, Any] = {
     "range_sensors": RangeSensors().model_dump(mode="json"),
     "sensor_faults": [],
+    "uav_faults": UavFaults().model_dump(mode="json"),
+    "team.spacing": Team().spacing,
     "arena.obstacles": [],
     "arena.occupancy": None,
     "arena.collision": Arena().collision,
@@ -60,6 +63,7 @@ _ADDED: dict[str, Any] = {
     "arena.bounds": Arena().bounds,
     "arena.margin": Arena().margin,
     "vehicle.position_gain": PointMass().position_gain,
+    "vehicle.planar": PointMass().planar,
     "energy.kind": MeasuredEnergy().kind,
 }
 
@@ -90,6 +94,7 @@ class Scenario(Parameters):
     anemometer: Anemometer = Anemometer()
     range_sensors: RangeSensors = RangeSensors()
     sensor_faults: tuple[SensorFault, ...] = ()
+    uav_faults: UavFaults = UavFaults()
     radio: Radio = Radio()
     ending: Ending = Ending()
     reward: Reward = Reward()
@@ -132,6 +137,9 @@ class Scenario(Parameters):
         _check("plume", self.plume.check, self.arena, self.sources.count)
         _check("advertised_plume", self.told_plume.check, self.arena, self.sources.count)
         _check("wind", self.wind.check, self.arena)
+        _check("team", self.team.check, self.arena)
+        _check("range_sensors", self.range_sensors.check, self.arena)
+        _check("uav_faults", self.uav_faults.check, self.team.n_uavs)
         self._smellable()
         return self
 
@@ -207,6 +215,11 @@ class Scenario(Parameters):
         return self.gas_sensor.reports
 
     @property
+    def hears_all(self) -> bool:
+        """Whether every frame reaches every UAV at once, in all the episode."""
+        return self.radio.reaches_all and not self.uav_faults.silence
+
+    @property
     def n_neighbours(self) -> int:
         """M: entries of the neighbour table of an observation."""
         return min(self.team.n_uavs - 1, self.max_neighbours)
@@ -248,6 +261,7 @@ class Scenario(Parameters):
         """12 hexadecimal digits that change with anything that changes an episode (not name or description)."""
         content = self.model_dump(mode="json", exclude={"name", "description"})
         content = by_content(content)
+        content["uav_faults"] |= dict.fromkeys(set(content["uav_faults"]) - set(self.uav_faults.rules))  # never strike
         for key, default in _ADDED.items():
             _leave_out(content, key.split("."), default)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]

@@ -20,7 +20,8 @@ ENERGY_KINDS = ("flying", "hovering", "turning", "waiting", "computing", "commun
 FLYING, HOVERING, TURNING, WAITING, COMPUTING, COMMUNICATING = range(len(ENERGY_KINDS))
 RUNNING, SUCCESS, FALSE_DECLARATION, ENDED = range(4)  # outcomes of an episode
 STOP, SLIDE, END = range(3)  # what a collision with an obstacle does
-FLYING_ON, LEFT, DIVERGED = range(3)  # fates of a UAV: it flies, has left the bounds, its flight has become unstable
+# fates of a UAV: it flies, has left the bounds, its flight has become unstable, a fault has ended it
+FLYING_ON, LEFT, DIVERGED, LOST = range(4)
 
 _F, _I, _C, _S, _B, _U = np.float64, np.int64, np.int32, np.int8, np.bool_, np.uint64
 
@@ -45,7 +46,8 @@ MOTION = np.dtype(  # (n_envs, n_uavs)
         ("terminated", _B),
         ("truncated", _B),
         ("collided", _B),  # the last leg or period ran into an obstacle
-        ("fate", _S),  # FLYING_ON, LEFT, DIVERGED
+        ("fate", _S),  # FLYING_ON, LEFT, DIVERGED, LOST
+        ("silent", _B),  # its radio is lost: it neither sends nor hears
         ("velocity", _F, (3,)),  # m/s; zero between legs
     ],
     align=True,
@@ -85,6 +87,7 @@ SENSES = np.dtype(  # (n_envs, n_uavs)
         ("sent_time", _F),  # s, mission clock at which the last frame was sent
         ("detections", _C),  # so far
         ("fresh", _B),  # the last sample was a detection and is of this step
+        ("dead", _B),  # the gas sensor reads 0 from now on
         ("first_detection_time", _F),  # s, mission clock; NaN: none
         ("detection_time", _F, (DETECTION_MEMORY,)),
         ("detection_position", _F, (DETECTION_MEMORY, 3)),
@@ -142,6 +145,7 @@ CONSTANTS = np.dtype(  # (1,): every number that the kernels need of the scenari
         ("decision_period", _F),
         ("physics_step", _F),
         ("position_gain", _F),
+        ("planar", _B),  # vehicles stay at their height
         ("flying_power", _F),
         ("hovering_power", _F),
         ("turn_energy", _F),

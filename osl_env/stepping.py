@@ -14,7 +14,7 @@ from numba import njit
 
 from osl_env.ending import end_flights
 from osl_env.parameters import FloatArray
-from osl_env.radio import charge_bytes, send_to_all
+from osl_env.radio import ContactArray, charge_bytes, send_to_all
 from osl_env.reward import pay
 from osl_env.sensors import measure_wind, sample, sample_concentration
 from osl_env.state import COMPUTING, FLYING_ON, HOVERING, RUNNING, BoolArray, IntArray, StateArray
@@ -112,6 +112,7 @@ def begin(
     ledger: StateArray,
     senses: StateArray,
     heard: StateArray,
+    contacts: ContactArray,
     sent: StateArray,
     episode: StateArray,
     constants: StateArray,
@@ -138,11 +139,14 @@ def begin(
             s.reading = s.sampling_time = s.sent_time = 0.0
             s.first_detection_time = np.nan
             s.detections = 0
+            s.dead = False
             s.gas_stream = derive(seeds[k], _SENSOR, i)
             s.anemometer_stream = derive(seeds[k], _ANEMOMETER, i)
             s.radio_stream = derive(seeds[k], _RADIO, i)
-            for j in range(heard.shape[1]):
-                heard[e, j, i].known = False
+            for n in range(contacts[e, i, 0] if contacts.shape[1] > 0 else 0):
+                heard[e, i, contacts[e, i, 1 + n]].known = False
+            if contacts.shape[1] > 0:
+                contacts[e, i, 0] = 0
             for q in range(sent.shape[2] if sent.shape[1] > 0 else 0):
                 sent[e, i, q].known = False
 
@@ -157,7 +161,7 @@ def _begin_motion(m: Any, first_hover: float) -> None:
     m.turns = 0
     m.samples = 1 if first_hover > 0.0 else 0
     m.active = m.ready = True
-    m.collided = False
+    m.collided = m.silent = False
     m.fate = FLYING_ON
     m.exhausted = m.terminated = m.truncated = False
 
@@ -193,5 +197,5 @@ def charge_payloads(
             cost = min(bits[e, i] * c.joule_per_bit_computed, max(0.0, c.capacity - book.spent))
             book.energy[COMPUTING] += cost
             book.spent += cost
-            if talks and lengths[e, i] > 0:
+            if talks and lengths[e, i] > 0 and not motion[e, i].silent:
                 charge_bytes(book, c, lengths[e, i])

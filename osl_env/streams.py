@@ -34,6 +34,7 @@ class Purpose(IntEnum):
     EPISODE = 8
     RENDER = 9
     RANGE = 10
+    FAULT = 11
 
 
 @njit(cache=True)

@@ -122,6 +122,7 @@ class Surroundings:
             self._wind_state.air.mean[:, None, :] if self.wind.uniform else np.zeros((n_envs, n_uavs, 3))
         )
         self._sees = scenario.range_sensors
+        self._walls = self.scene.area if scenario.arena.bounds == "hold" else np.full(3, np.inf)  # m, see ray_distance
         self.rests = self.tick == 0.0 and self.wind.uniform and self._sees.count == 0  # nothing for `follow` to do
         self.ranges: FloatArray = np.zeros((n_envs, n_uavs, self._sees.count))  # m
         self._range_streams = np.zeros((n_envs, n_uavs), np.uint64)
@@ -164,7 +165,7 @@ class Surroundings:
         """What the range sensors of UAVs that decide now see; those in flight will look where they arrive."""
         scene, longest, seen = self.scene, self._sees.range, np.empty_like(self.ranges)
         looking = stepping[:, None] & motion["active"] & motion["ready"]
-        range_readings(scene.geometry, scene.area, motion["position"], self._sees.count, longest, seen)
+        range_readings(scene.geometry, self._walls, motion["position"], self._sees.count, longest, seen)
         add_range_noise(self._range_streams, looking, self._sees.noise, longest, seen)
         self.ranges[looking] = seen[looking]
 

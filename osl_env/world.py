@@ -8,21 +8,20 @@ episode is a function of (scenario, seed, actions) alone, whatever the batch, th
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from osl_env.block import Block, Rules
-from osl_env.energy import ThrustEnergy
 from osl_env.errors import InputError
 from osl_env.flying_bodies import begin_bodies
-from osl_env.flying_rotorpy import RotorpyFleet
 from osl_env.kernel_constants import kernel_constants
 from osl_env.mailbox import Mailbox
 from osl_env.observation import Observation, ObservationLayout
 from osl_env.parameters import FloatArray
 from osl_env.placement import draw_places
-from osl_env.radio import Message
+from osl_env.radio import ContactArray, Message
 from osl_env.scenario import Scenario
 from osl_env.scenario_files import load_scenario
 from osl_env.state import (
@@ -41,7 +40,6 @@ from osl_env.state import (
 from osl_env.stepping import begin, charge_payloads
 from osl_env.streams import check_seed
 from osl_env.surroundings import Surroundings
-from osl_env.vehicles.legs import hop_table
 from osl_env.vehicles.quadrotor import Quadrotor
 from osl_env.vehicles.rigid_body import STATE_SIZE
 
@@ -52,8 +50,8 @@ class World:
     """`n_envs` episodes of `scenario` (a name, a path or a Scenario), stepped together. Call `reset` first.
 
     State to read, and never to write: `motion`, `ledger`, `senses` (n_envs, n_uavs), `heard` (n_envs, receiver,
-    sender), `episode` (n_envs,), `source_position` (n_envs, n_sources, 3) m, `rewards` (n_envs, n_uavs) and `team`
-    (n_envs,) of the last step.
+    sender), `contacts` (see `radio`), `episode` (n_envs,), `source_position` (n_envs, n_sources, 3) m, `rewards`
+    (n_envs, n_uavs) and `team` (n_envs,) of the last step.
     """
 
     def __init__(self, scenario: str | Scenario, n_envs: int = 1) -> None:
@@ -63,10 +61,7 @@ class World:
         self.scenario = load_scenario(scenario)
         self.n_envs, self.n_uavs = int(n_envs), self.scenario.team.n_uavs
         shape = (self.n_envs, self.n_uavs)
-        queue = self._queue_length()
-        per_uav = 600 + FRAME.itemsize * (self.n_uavs + queue) + queue * self.n_uavs  # bytes
-        if self.n_envs * self.n_uavs * per_uav > _MAX_STATE_BYTES:
-            raise InputError(f"n_envs = {n_envs}: this many worlds of {self.n_uavs} UAVs need over 16 GiB")
+        self._check_memory()
         self.layout = ObservationLayout(self.scenario)
         self.constants = kernel_constants(self.scenario)
         self.motion: StateArray = np.zeros(shape, MOTION)
@@ -76,45 +71,45 @@ class World:
         self.episode["outcome"] = ENDED + 1  # not begun: only a reset starts an episode
         self._place_arrays(shape)
         self._cursor = 0  # slot of the radio's queue that the last step wrote
-        self._rules = self._make_rules()
+        self._rules = Rules.of(self.scenario, self.constants)
         self._block = self._make_block()
         self._mailbox = Mailbox(self.scenario.radio.latency, self.n_envs, self.n_uavs)
         self._rows: FloatArray | None = None
+        self._values: dict[int, list[tuple[Any, ...]]] = {}  # of the observations of a world, all at once
+
+    def _check_memory(self) -> None:
+        n_uavs, queue, radio = self.n_uavs, self._queue_length(), self.scenario.radio
+        pairs = 0 if self.scenario.hears_all else n_uavs
+        size = n_uavs * (600 + (FRAME.itemsize + 5) * pairs + queue * (FRAME.itemsize + pairs))  # bytes of a world
+        if size > _MAX_STATE_BYTES:
+            raise InputError(
+                f"radio.latency = {radio.latency:g}: a world of {n_uavs} UAVs with so many frames on their way needs"
+                " over 16 GiB"
+            )
+        if self.n_envs * size > _MAX_STATE_BYTES:
+            raise InputError(f"n_envs = {self.n_envs}: this many worlds of {n_uavs} UAVs need over 16 GiB")
 
     def _place_arrays(self, shape: tuple[int, int]) -> None:
         """Allocate what depends on the number of sources and on the radio."""
-        sources, radio = self.scenario.sources, self.scenario.radio
+        sources = self.scenario.sources
         self.source_position: FloatArray = np.zeros((self.n_envs, sources.count, 3))
         self.source_strength: FloatArray = np.ones((self.n_envs, sources.count)) * np.array(sources.strengths or 1.0)
         self.surroundings = Surroundings(self.scenario, self.source_position, self.source_strength, self.n_uavs)
         bodies = (*shape, STATE_SIZE) if isinstance(self.scenario.vehicle, Quadrotor) else (0, 0, STATE_SIZE)
         self.body: FloatArray = np.zeros(bodies)  # see `vehicles.rigid_body`
+        self.faults = self.scenario.uav_faults.allocate(*shape)
         self.rates: FloatArray = np.zeros(shape)
         self.rewards: FloatArray = np.zeros(shape)
         self.team: StateArray = np.zeros(self.n_envs, TEAM)
         self._stepping: BoolArray = np.zeros(self.n_envs, np.bool_)
-        pairs = (self.n_envs, 0, 0) if radio.reaches_all else (*shape, self.n_uavs)  # none if all hear all at once
+        at_once = self.scenario.hears_all
+        pairs = (self.n_envs, 0, 0) if at_once else (*shape, self.n_uavs)
         queue = self._queue_length()
         self.heard: StateArray = np.zeros(pairs, FRAME)
+        self.contacts: ContactArray = np.zeros(pairs, np.int32)
         self._links: BoolArray = np.zeros(pairs, np.bool_)
         self._sent: StateArray = np.zeros((*pairs[:2], queue), FRAME)
         self._reach: BoolArray = np.zeros((*pairs[:2], queue, pairs[2]), np.bool_)
-
-    def _make_rules(self) -> Rules:
-        scenario, vehicle = self.scenario, self.scenario.vehicle
-        return Rules(
-            constants=self.constants,
-            geometry=scenario.arena.geometry if scenario.arena.obstructed else None,
-            hop_table=hop_table(vehicle),
-            sampling_time=scenario.decision_time,
-            talks=scenario.radio.radius > 0 and self.n_uavs > 1,
-            to_all=scenario.radio.reaches_all,
-            reaching=scenario.ending.success == "reach",
-            shaping=scenario.reward.shaping > 0,
-            frames=vehicle.numbers() if isinstance(vehicle, Quadrotor) else None,
-            rotorpy=RotorpyFleet(vehicle) if isinstance(vehicle, Quadrotor) and vehicle.backend == "rotorpy" else None,
-            rotors=scenario.energy.numbers() if isinstance(scenario.energy, ThrustEnergy) else None,
-        )
 
     def _make_block(self) -> Block:
         return Block(
@@ -133,9 +128,11 @@ class World:
             team=self.team,
             links=self._links,
             heard=self.heard,
+            contacts=self.contacts,
             sent=self._sent,
             reach=self._reach,
             body=self.body,
+            faults=self.faults,
         )
 
     def _queue_length(self) -> int:
@@ -196,12 +193,14 @@ class World:
         stepping[rows] = True
         self._place(rows, chosen)
         first_hover = 0.0 if self.scenario.in_periods else self._rules.sampling_time
-        begin(self.motion, self.ledger, self.senses, self.heard, self._sent, self.episode, self.constants, rows, chosen,
-              first_hover)  # fmt: skip
+        begin(self.motion, self.ledger, self.senses, self.heard, self.contacts, self._sent, self.episode,
+              self.constants, rows, chosen, first_hover)  # fmt: skip
         if self._rules.frames is not None:
             begin_bodies(self.body, self._rules.frames, self.motion, rows)
         self.surroundings.begin(rows, chosen, self.episode)
         self._mailbox.clear(rows)
+        if self.faults is not None:
+            self.faults.begin(rows, chosen)
         self._block.settle(self._cursor, is_step=False)  # the last step's slot: theirs has just been emptied
         self._rows = None
 
@@ -216,7 +215,9 @@ class World:
         nothing = np.empty((0, 3))
         team_region = nothing if team.region is None else np.array(team.region)
         source_region = nothing if sources.region is None else np.array(sources.region)
-        draw_places(seeds, team_region, source_region, sources.minimum_distance, self._rules.geometry, starts, places)
+        if not draw_places(seeds, team_region, team.spacing, source_region, sources.minimum_distance,
+                           self._rules.geometry, starts, places):  # fmt: skip
+            raise InputError(f"team.spacing = {team.spacing:g}: no room found for {self.n_uavs} UAVs in team.region")
         self.source_position[rows] = places
         self.motion["position"][rows] = starts
 
@@ -269,7 +270,12 @@ class World:
 
     def observation(self, env: int, uav: int) -> Observation:
         """What UAV `uav` of world `env` may know now."""
-        return self.layout.observation(self.physical[env, uav])
+        rows = self.physical
+        if self.scenario.clock == "event":  # few decide at a time
+            return self.layout.observation(rows[env, uav])
+        if env not in self._values:
+            self._values[env] = self.layout.values(rows[env])
+        return Observation(*self._values[env][uav])
 
     @property
     def physical(self) -> FloatArray:
@@ -277,7 +283,7 @@ class World:
         step.
         """
         if self._rows is None:
-            self._rows = self.layout.physical(self)
+            self._rows, self._values = self.layout.physical(self), {}
         return self._rows
 
     def exchange(

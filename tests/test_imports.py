@@ -28,10 +28,10 @@ LAYERS: tuple[tuple[str, ...], ...] = (
         "agent_actions",
         "kernel_cache",
     ),
-    ("geometry", "intersections", "air"),
+    ("geometry", "intersections", "air", "cells"),
     ("fields",),
     ("arena",),
-    ("plumes", "winds", "vehicles", "energy", "sensors", "radio", "reward", "placement"),
+    ("plumes", "winds", "vehicles", "energy", "sensors", "radio", "reward", "placement", "faults"),
     ("scenario", "scenario_files"),
     (
         "observation",

@@ -39,8 +39,10 @@ class GroupEntry(Parameters):
     def made(self) -> Scenario:
         """Raises InputError for an unknown name, a bad override, or a radio that does not reach all at once."""
         scenario = load_scenario(self.scenario, **self.overrides)
-        if not scenario.radio.reaches_all:
-            raise InputError(f"scenario {self.scenario}: radio: must reach all at once (no radius, latency or loss)")
+        if not scenario.hears_all:
+            raise InputError(
+                f"scenario {self.scenario}: radio: must reach all at once (no radius, latency, loss or lost radio)"
+            )
         if scenario.clock != "barrier":
             raise InputError(f"scenario {self.scenario}: clock = {scenario.clock!r}: must be 'barrier'")
         return scenario

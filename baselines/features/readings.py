@@ -95,6 +95,8 @@ def gather_heard(
                     frame[_ARRIVAL], frame[_SENDER] = clock + latency, float(j)
                     n_waiting[e, i] += 1
         for i in range(n_uavs if mask[e] else 0):
+            if motion[e, i].silent:  # what was on its way is never heard
+                n_waiting[e, i] = 0
             if motion[e, i].active and motion[e, i].ready:
                 count[e, i] = _take(motion[e, i], senses[e, i], waiting[e, i], n_waiting, e, i, clock, rows[e, i])
 
@@ -136,7 +138,7 @@ class Readings:
         """`own`: a UAV's own readings alone; `heard`: with those that the radio brings."""
         self._scenario, self._source = scenario, source
         n_uavs, radio = scenario.team.n_uavs, scenario.radio
-        at_once = radio.reaches_all and scenario.clock == "barrier" and scenario.anemometer.noise == 0
+        at_once = scenario.hears_all and scenario.clock == "barrier" and scenario.anemometer.noise == 0
         self.shared = source == "heard" and at_once
         self.n_listeners = 1 if self.shared else n_uavs
         self._alone = source == "own" or n_uavs == 1 or radio.radius == 0

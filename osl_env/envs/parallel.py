@@ -24,8 +24,8 @@ class OdourSearchParallelEnv(ParallelEnv[str, Any, Any]):  # type: ignore[misc]
     """Agents `uav_0`, `uav_1`, ..: observations and actions as tabulated in the README.
 
     `observation="flat"` gives normalised float32 vectors for learning, `"physical"` a Dict of named quantities in SI
-    units. An agent whose battery is empty terminates; one whose time or decisions are used up is truncated; a
-    declaration (or, under the rule `reach`, an arrival) terminates all that are left.
+    units. An agent whose battery is empty, or whose UAV is lost, terminates; one whose time or decisions are used up is
+    truncated; a declaration (or, under the rule `reach`, an arrival) terminates all that are left.
     """
 
     metadata = {"name": "osl_env_v0", "render_modes": ["rgb_array"], "is_parallelizable": True, "render_fps": 4}  # noqa: RUF012

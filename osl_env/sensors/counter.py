@@ -78,6 +78,8 @@ def sample(m: Any, s: Any, episode: Any, c: Any, rate: float, faults: Any, uav: 
     if faults is not None:
         count = faulty_reading(faults, uav, episode.clock, count, s.reading, s.gas_stream)
         count = math.floor(max(count, 0.0) + 0.5)
+    if s.dead:
+        count = 0.0
     s.reading = count
     s.sampling_time = duration
     if count > 0.0:

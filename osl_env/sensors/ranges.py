@@ -1,7 +1,8 @@
 """Range sensors: how far it is to the nearest obstacle or wall along horizontal rays, with noise.
 
 The rays are spread evenly over the circle, the first along +x. A ray that meets nothing within the sensor's range
-reads that range, without noise.
+reads that range, without noise. Bounds are walls if UAVs are held at them; where crossing them ends a flight, nothing
+is there to be seen.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from osl_env.arena import Arena
 from osl_env.numerics import normal
 from osl_env.parameters import FloatArray, Parameters, quantity
 from osl_env.state import BoolArray, IntArray
@@ -24,6 +26,14 @@ class RangeSensors(Parameters):
     count: int = quantity(0, "", ge=0, le=64)  # rays
     range: float = quantity(4.0, "m", gt=0)  # the longest distance that is seen
     noise: float = quantity(0.0, "m", ge=0)  # standard deviation of a distance
+
+    def check(self, arena: Arena) -> None:
+        """Raises ValueError if there is nothing in the arena that could ever be seen."""
+        if self.count and arena.bounds == "end" and not arena.obstructed:
+            raise ValueError(
+                f"count = {self.count}: there is nothing to see: arena.bounds = 'end' are no walls, and neither"
+                " arena.obstacles nor arena.occupancy is given"
+            )
 
 
 @njit(cache=True)

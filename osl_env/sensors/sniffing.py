@@ -128,6 +128,8 @@ def sample_concentration(
         if response.count_unit > 0.0:
             reading = math.floor(reading + 0.5)
         reading = min(max(reading, 0.0), limit)
+    if s.dead:
+        reading = 0.0
     s.reading = reading
     s.sampling_time = duration
     if reading > threshold:

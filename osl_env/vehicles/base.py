@@ -27,6 +27,11 @@ class Vehicle(Parameters):
     acceleration: float = quantity(float("inf"), "m/s^2", gt=0, infinite=True)
 
     @property
+    def is_planar(self) -> bool:
+        """Whether it stays at the height at which it starts."""
+        return False
+
+    @property
     def lookahead(self) -> float:
         """m, the distance of a setpoint from which on it is flown to at full speed; infinite without setpoints."""
         return math.inf

@@ -197,15 +197,18 @@ def hop_offsets(step_length: float, hop_lengths: int) -> FloatArray:
 def hop_table(vehicle: Vehicle) -> FloatArray:
     """What each hop action means: rows of offset (3), m, unit vector (3), length, m, and flight time, s.
 
-    Shape (26 l_max + 1, 8); the last row hovers.
+    Shape (26 l_max + 1, 8); the last row hovers. A planar vehicle's hops have no vertical part; straight up is staying.
     """
     offsets = hop_offsets(vehicle.step_length, vehicle.hop_lengths)
+    if vehicle.is_planar:
+        offsets = offsets * (1.0, 1.0, 0.0)
     table = np.zeros((len(offsets), 8))
     table[:, 0:3] = offsets
     for action in range(len(table) - 1):
         table[action, 6] = math.sqrt(sum(x * x for x in table[action, 0:3].tolist()))
-        table[action, 3:6] = table[action, 0:3] / table[action, 6]
-        table[action, 7] = flight_time(table[action, 6], vehicle.speed, vehicle.acceleration)
+        if table[action, 6] > 0.0:
+            table[action, 3:6] = table[action, 0:3] / table[action, 6]
+            table[action, 7] = flight_time(table[action, 6], vehicle.speed, vehicle.acceleration)
     return table
 
 

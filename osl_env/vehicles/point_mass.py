@@ -10,7 +10,8 @@ At the bounds the position is held and the velocity component across them is los
 flies on and is lost once it is farther outside than the margin. At an obstacle, by the scenario's rule, the UAV stops;
 or slides, losing the component into the surface; or its flight ends. With velocities and setpoints the UAV samples all
 the while; the reading is counted over the decision period at the place where the period ends. There are no turning
-points, so turning costs nothing beyond the flight.
+points, so turning costs nothing beyond the flight. A `planar` vehicle is a robot on the ground: of what is commanded
+only the horizontal part counts.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ class PointMass(Vehicle):
     decision_period: float = quantity(1.0, "s", gt=0)  # of a velocity or a setpoint
     physics_step: float = quantity(0.1, "s", gt=0)
     position_gain: float = quantity(1.6, "1/s", gt=0)  # K: 0.8 a / v at the defaults, so that it can brake in time
+    planar: bool = False  # a robot on the ground: it stays at the height at which it starts, whatever is commanded
 
     @model_validator(mode="after")
     def _whole_steps(self) -> PointMass:
@@ -50,6 +52,11 @@ class PointMass(Vehicle):
                 " into whole steps"
             )
         return self
+
+    @property
+    def is_planar(self) -> bool:
+        """Whether it stays at the height at which it starts."""
+        return self.planar
 
     @property
     def lookahead(self) -> float:
@@ -162,6 +169,8 @@ def fly_period(
     """One decision period of one UAV with the command (u, v, w): a place to steer to, m, if `tracks_position`, else a
     velocity, m/s. Either is flown at the greatest speed at most.
     """
+    if c.planar:
+        w = m.position[2] if tracks_position else 0.0
     x, y, z = u, v, w
     if not tracks_position:
         u, v, w = _cut(u, v, w, c.speed)

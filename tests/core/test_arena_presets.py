@@ -13,7 +13,7 @@ ARENAS = ("arena-4x6-0", "arena-4x6-5", "arena-4x6-10", "arena-30x40")
 LAYOUTS = tuple(f"arena-4x6-{number}-{layout}" for number in (5, 10) for layout in "bc")
 
 
-@pytest.mark.parametrize("name", (*ARENAS, *LAYOUTS))
+@pytest.mark.parametrize("name", [*ARENAS, *LAYOUTS])
 def test_robots_start_downwind_and_one_is_in_the_plume(name: str) -> None:
     """As in the paper, where the plume has been found before the search begins."""
     scenario = load_scenario(name)
@@ -26,7 +26,7 @@ def test_robots_start_downwind_and_one_is_in_the_plume(name: str) -> None:
         assert gas.max() > scenario.gas_sensor.threshold
 
 
-@pytest.mark.parametrize("name", (*ARENAS, *LAYOUTS))
+@pytest.mark.parametrize("name", [*ARENAS, *LAYOUTS])
 def test_random_variant_draws_source_starts_and_wind_anew(name: str) -> None:
     world = World(f"{name}-random", len(SEEDS))
     world.reset(SEEDS)
