@@ -142,8 +142,8 @@ class ParticleSearch:
         return self._filter.as_belief()
 
 
-class _InfotaxisPolicy(InfotaxisParameters, Policy):
-    """What both policies do with their state."""
+class NeighbourPolicy(InfotaxisParameters, Policy):
+    """What the policies that hop to a neighbour do with their state."""
 
     _search: NeighbourSearch | ParticleSearch | None = PrivateAttr(default=None)
 
@@ -172,7 +172,7 @@ class _InfotaxisPolicy(InfotaxisParameters, Policy):
 
 
 @register_policy
-class Infotaxis(_InfotaxisPolicy):
+class Infotaxis(NeighbourPolicy):
     """Infotaxis, alone (`sharing=False`) or with the readings of others; on the grid or on particles."""
 
     name: ClassVar[str] = "infotaxis"
@@ -192,7 +192,7 @@ class Infotaxis(_InfotaxisPolicy):
 
 
 @register_policy
-class SpaceAwareInfotaxis(_InfotaxisPolicy):
+class SpaceAwareInfotaxis(NeighbourPolicy):
     """Space-aware infotaxis on the grid belief."""
 
     name: ClassVar[str] = "space-aware-infotaxis"

@@ -161,7 +161,7 @@ def compress(
 
 
 @njit(cache=True, error_model="numpy")
-def _bins(points: FloatArray, u: FloatArray, model: FloatArray, where: FloatArray) -> None:
+def rate_bins(points: FloatArray, u: FloatArray, model: FloatArray, where: FloatArray) -> None:
     """Where among the bins the log mean rate at `u` lies for each of `points` (5, n): `where` (n,)."""
     drift_x, drift_y, inverse_lambda = model[0], model[1], model[2]
     log_strength, squared_clamp, background = math.log(model[3]), model[4] * model[4], model[5]
@@ -197,7 +197,7 @@ def expected_information(
     mixture = np.empty(N_OUTCOMES)
     weight = points[0]
     for c in range(candidates.shape[0]):
-        _bins(points, candidates[c], model, where)
+        rate_bins(points, candidates[c], model, where)
         mass[:] = 0.0
         for i in range(where.size):
             b = int(where[i])
@@ -241,7 +241,7 @@ def expected_log_search_time(
     bins = np.empty((N_BINS, 3))  # sums of w, of p ln p, and of w times the distance
     outcome = np.empty((N_OUTCOMES, 4))  # p_d, sums of P p ln p, of w P ln P, and of w P times the distance
     for c in range(candidates.shape[0]):
-        _bins(points, candidates[c], model, where)
+        rate_bins(points, candidates[c], model, where)
         bins[:] = 0.0
         for i in range(where.size):
             b = int(where[i])
