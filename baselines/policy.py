@@ -29,6 +29,7 @@ from osl_env.observation import Observation
 from osl_env.parameters import FloatArray, Parameters, one_line
 from osl_env.radio import Message, Radio
 from osl_env.scenario import Scenario
+from osl_env.sensors import RangeSensors
 from osl_env.streams import policy_seed
 
 Command: TypeAlias = Literal["leg", "velocity", "setpoint"]
@@ -52,6 +53,7 @@ class Briefing:
     action: Command  # what the policy's actions must be in this scenario
     decision_period: float  # s, the shortest time between two decisions: of a velocity or setpoint, else one sample
     lookahead: float  # m: a setpoint farther away is flown to at full speed, and no faster
+    planar: bool  # a robot on the ground: nothing vertical in what it is told counts
     step_length: float  # m, grid step of a hop
     hop_lengths: int  # the longest hop, in grid steps (the area's l_max)
     speed: float  # m/s, cruise
@@ -60,11 +62,13 @@ class Briefing:
     max_samples: int  # the most samples of one leg
     plume: Any  # advertised PlumeModel (HitRatePlume for hits)
     gas_sensor: Any  # advertised sensor
+    range_sensors: RangeSensors  # `count` rays, horizontal, evenly spread, the first along +x; 0: none
     radio: Radio
     energy_capacity: float  # J
     time_limit: float  # s of search time
     max_decisions: int  # kmax
-    success_radius: float  # m: a declared position this near to a source is right
+    declares: bool  # the source must be declared; else it is enough to come within the success radius
+    success_radius: float  # m: a declared position (or a UAV) this near to a source is right
     n_sources: int
 
     @property
@@ -86,6 +90,7 @@ class Briefing:
             action=_kind_of(scenario.action),
             decision_period=scenario.decision_time,
             lookahead=vehicle.lookahead,
+            planar=vehicle.is_planar,
             step_length=vehicle.step_length,
             hop_lengths=vehicle.hop_lengths,
             speed=vehicle.speed,
@@ -94,10 +99,12 @@ class Briefing:
             max_samples=vehicle.max_samples,
             plume=scenario.advertised_plume or scenario.plume,
             gas_sensor=scenario.gas_sensor,
+            range_sensors=scenario.range_sensors,
             radio=scenario.radio,
             energy_capacity=scenario.energy.capacity,
             time_limit=scenario.ending.time_limit,
             max_decisions=scenario.ending.max_decisions,
+            declares=scenario.ending.success == "declare",
             success_radius=scenario.ending.success_radius,
             n_sources=scenario.sources.count,
         )
@@ -196,6 +203,18 @@ _MODULES: dict[str, str] = {
     "kernel-peak": "baselines.gaslam.rivals",
     "boustrophedon-ste": "baselines.gaslam.rivals",
     "rahbar-ste": "baselines.gaslam.rivals",
+    "swarm": "baselines.swarm.policy",
+    "plume-finding": "baselines.swarm.policy",
+    "spiral-surge": "baselines.spiral_surge",
+    "biased-random-walk": "baselines.biased_random_walk",
+    "moth": "baselines.moth",
+    "biasing-expansion": "baselines.biasing_expansion",
+    "particle-swarm": "baselines.particle_swarm",
+    "glowworm": "baselines.glowworm",
+    "fluxotaxis": "baselines.fluxotaxis",
+    "entrotaxis": "baselines.cognitive",
+    "infotaxis-renyi": "baselines.cognitive",
+    "infotaxis-bhattacharyya": "baselines.cognitive",
     "checkpoint": "baselines.learned.policies",
 }
 SHIPPED_CHECKPOINTS = ("rppo-raw", "ppo-belief")  # learned; known where their checkpoint is there
@@ -238,8 +257,13 @@ def policy_class(name: str) -> type[Policy]:
 def make_policy(name: str, **parameters: Any) -> Policy:
     """The policy registered under `name` with `parameters` in place of its defaults.
 
+    `NAME*3+NAME` is a mixed team (`baselines.mixed`), whose parameters begin with a member's name: `swarm.k1`.
     Raises InputError for an unknown name or parameter, or a value out of its limits.
     """
+    if "+" in name or "*" in name:
+        from baselines.mixed import members_of, mixed_team  # which builds on this module
+
+        return mixed_team(name, members_of(name), parameters)
     try:
         return policy_class(name)(**parameters)
     except ValidationError as error:

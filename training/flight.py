@@ -131,27 +131,34 @@ def _decide_and_step(world: World, turns: list[Turn], bits: FloatArray) -> float
         payloads[turn.env][turn.uav] = turn.policy.broadcast(turn.observation)
     elapsed = time.perf_counter() - began
     inboxes = world.exchange(payloads, bits)
-    turns = [turn._replace(inbox=inboxes[turn.env][turn.uav]) for turn in turns]
+    turns = [Turn(env, uav, policy, seen, inboxes[env][uav]) for env, uav, policy, seen, _ in turns]
     began = time.perf_counter()
     actions = decide(turns)
-    declarations = np.full((world.n_envs, world.n_uavs, 3), np.nan)
+    declarations = _declared(world, turns) if world.scenario.ending.success == "declare" else None
     for turn in turns:
-        declared = turn.policy.declaration()
-        if declared is not None:
-            declarations[turn.env, turn.uav] = _point(turn.policy, "declaration()", declared)
         bits[turn.env, turn.uav] = turn.policy.computed_bits
     elapsed += time.perf_counter() - began
     _step(world, turns, actions, declarations)
     return elapsed
 
 
-def _step(world: World, turns: list[Turn], actions: list[Action], declarations: FloatArray) -> None:
+def _declared(world: World, turns: list[Turn]) -> FloatArray:
+    """What is declared: (n_envs, n_uavs, 3) m, NaN where nothing is."""
+    declarations = np.full((world.n_envs, world.n_uavs, 3), np.nan)
+    for turn in turns:
+        declared = turn.policy.declaration()
+        if declared is not None:
+            declarations[turn.env, turn.uav] = _point(turn.policy, "declaration()", declared)
+    return declarations
+
+
+def _step(world: World, turns: list[Turn], actions: list[Action], declarations: FloatArray | None) -> None:
     if world.scenario.action == "velocity":
         velocities = np.zeros((world.n_envs, world.n_uavs, 3))
         for turn, action in zip(turns, actions, strict=True):
             if not isinstance(action, Velocity):
                 raise _invalid(turn.policy, action, "must be a Velocity")
-            velocities[turn.env, turn.uav] = _point(turn.policy, "act()", action.velocity)
+        _fill(velocities, turns, [action[0] for action in actions])
         world.step_velocities(velocities, declarations)
         return
     if world.scenario.action == "setpoint":
@@ -159,7 +166,7 @@ def _step(world: World, turns: list[Turn], actions: list[Action], declarations: 
         for turn, action in zip(turns, actions, strict=True):
             if not isinstance(action, Setpoint):
                 raise _invalid(turn.policy, action, "must be a Setpoint")
-            setpoints[turn.env, turn.uav] = _point(turn.policy, "act()", action.position)
+        _fill(setpoints, turns, [action[0] for action in actions])
         world.step_setpoints(setpoints, declarations)
         return
     targets = world.motion["position"].copy()
@@ -167,6 +174,18 @@ def _step(world: World, turns: list[Turn], actions: list[Action], declarations: 
     for turn, action in zip(turns, actions, strict=True):
         targets[turn.env, turn.uav], samples[turn.env, turn.uav] = _leg(turn, action, world.scenario.vehicle)
     world.step_waypoints(targets, samples, declarations)
+
+
+def _fill(commands: FloatArray, turns: list[Turn], values: Sequence[Any]) -> None:
+    """Enter the `values` of `turns` into `commands` (n_envs, n_uavs, 3): all at once, if all are what they must be."""
+    try:
+        points = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.shape != (len(turns), 3) or not np.isfinite(points).all():
+        rows = [_point(turn.policy, "act()", value) for turn, value in zip(turns, values, strict=True)]
+        points = np.array(rows).reshape(-1, 3)
+    commands[[turn.env for turn in turns], [turn.uav for turn in turns]] = points
 
 
 def _leg(turn: Turn, action: Action, vehicle: Any) -> tuple[FloatArray, int]:
