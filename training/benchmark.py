@@ -7,6 +7,9 @@
     sweep: {of: scenario, key: team.n_uavs, values: [1, 2, 3], label: UAVs}     # optional: one parameter varied
     compare: muc-osl     # optional: the policy (or a list) that the others are tested against; else each group's best
 
+A swept scenario may name a key of its own, `{scenario: .., swept: uav_faults.lost_uav.number}`, which takes the values
+instead of the sweep's.
+
 Every policy flies the same seeds, so the same worlds; `episodes` gives a slow policy the first few of them only.
 """
 
@@ -45,6 +48,7 @@ class ScenarioEntry(Parameters):
     scenario: str
     overrides: dict[str, Any] = Field(default_factory=dict)
     label: str = ""
+    swept: str = ""  # the key that a sweep varies in this scenario; empty: the sweep's own
 
     def made(self, **changes: Any) -> Scenario:
         """The scenario, with `changes` on top of the overrides."""
@@ -68,7 +72,7 @@ class Sweep(Parameters):
     """One parameter of all scenarios or of all policies, given each of `values` in turn."""
 
     of: Literal["scenario", "policy"] = "scenario"
-    key: str
+    key: str = ""  # empty: each scenario names its own
     values: tuple[float, ...] = quantity(..., "", infinite=True, min_length=1)
     label: str = ""
 
@@ -132,6 +136,18 @@ class Benchmark(Parameters):
                 raise ValueError(f"compare = {label!r}: must be one of the policies {', '.join(flown)}, each once")
         return self
 
+    @model_validator(mode="after")
+    def _swept_keys(self) -> Benchmark:
+        for k, entry in enumerate(self.scenarios):
+            if entry.swept and (self.sweep is None or self.sweep.of == "policy"):
+                raise ValueError(f"scenarios.{k}.swept = {entry.swept!r}: needs a sweep of scenario")
+        if self.sweep is not None and not self.sweep.key:
+            if self.sweep.of == "policy" or not all(entry.swept for entry in self.scenarios):
+                raise ValueError("sweep.key = '': must name what is varied, unless every scenario has a `swept` key")
+            if not self.sweep.label:
+                raise ValueError("sweep.label = '': must say what is varied where there is no sweep.key")
+        return self
+
     def limited(self, episodes: int | None = None, first_seed: int | None = None) -> Benchmark:
         """This benchmark with at most `episodes` episodes a case, and other seeds."""
         first = self.seeds.first if first_seed is None else check_seed(first_seed)
@@ -148,9 +164,9 @@ class Benchmark(Parameters):
         return tuple(int(value) if value.is_integer() else value for value in self.sweep.values)
 
     def _cases_at(self, value: float | None) -> Iterator[Case]:
-        change = {} if self.sweep is None else {self.sweep.key: value}
         of_scenario = self.sweep is None or self.sweep.of == "scenario"
         for world in self.scenarios:
+            change = {} if self.sweep is None else {world.swept or self.sweep.key: value}
             scenario = world.made(**(change if of_scenario else {}))
             for entry in self.policies:
                 policy = entry.made(**({} if of_scenario else change))

@@ -132,10 +132,35 @@ def _dot(axis: Any, height: int, estimate: Estimate, scale: float, colour: str) 
 
 
 def curves(groups: Sequence[Group], title: str, sweep: Sweep | None) -> Figure:
-    """Success rate and capped mean search time over the swept value (or the scenarios), one curve a policy."""
-    figure = Figure(figsize=(9.5, 4.2), layout="constrained")
-    axes = figure.subplots(1, 2)
+    """Success rate and capped mean search time over the swept value (or the scenarios), one curve a policy.
+
+    Scenarios that are swept each have a column of their own, the rate above the time.
+    """
+    by_scenario: dict[str, list[Group]] = {}
+    for group in groups:
+        by_scenario.setdefault("" if sweep is None else group.scenario, []).append(group)
+    n = len(by_scenario)
+    figure = Figure(figsize=(9.5, 4.2) if n == 1 else (1.5 + 3.6 * n, 7.2), layout="constrained")
+    axes = figure.subplots(1, 2, squeeze=False).T if n == 1 else figure.subplots(2, n, squeeze=False, sharey="row")
     labels = list(dict.fromkeys(row.label for group in groups for row in group.rows))
+    for (name, members), column in zip(by_scenario.items(), axes.T, strict=True):
+        _curves(column, members, labels, sweep)
+        if n > 1:
+            column[0].set_title(name, fontsize=10)
+            column[0].set_xlabel("")
+    for axis in axes[:, 1:].flat:
+        axis.set_ylabel("")
+    for rate, time in axes.T:  # after all curves: an axis that others share keeps the limits that it is given
+        rate.set_ylim(0.0, 103.0)
+        time.set_ylim(bottom=0.0)
+    handles, names = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6), fontsize=8, frameon=False)
+    figure.suptitle(title, fontsize=11)
+    return figure
+
+
+def _curves(axes: Sequence[Any], groups: Sequence[Group], labels: Sequence[str], sweep: Sweep | None) -> None:
+    """The curves of one scenario (or one curve over the scenarios), a measure an axis."""
     finite = all(group.value is not None and math.isfinite(group.value) for group in groups)
     places = [float(group.value or 0.0) for group in groups] if finite else [float(k) for k in range(len(groups))]
     width = (max(places) - min(places)) / max(len(places) - 1, 1)
@@ -166,12 +191,6 @@ def curves(groups: Sequence[Group], title: str, sweep: Sweep | None) -> Figure:
         axis.set_xlabel((sweep.label or sweep.key) if sweep else "scenario")
         axis.set_xticks(places, _ticks(groups), rotation=0 if max(map(len, _ticks(groups))) <= 10 else 15)
         axis.grid(alpha=0.3)
-        axis.set_ylim(bottom=0.0)
-    axes[0].set_ylim(0.0, 103.0)
-    handles, names = axes[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=min(len(names), 6), fontsize=8, frameon=False)
-    figure.suptitle(title, fontsize=11)
-    return figure
 
 
 def _ticks(groups: Sequence[Group]) -> list[str]:

@@ -90,6 +90,19 @@ def test_limits_apply_to_every_case() -> None:
             "title: x\nscenarios: [rate-60x60x30]\npolicies: [guesser]\ncompare: [guesser, guesser]\n",
             "each once",
         ),
+        (
+            "title: x\nscenarios: [{scenario: rate-60x60x30, swept: team.n_uavs}]\npolicies: [guesser]\n",
+            "scenarios.0.swept = 'team.n_uavs': needs a sweep of scenario",
+        ),
+        (
+            "title: x\nscenarios: [rate-60x60x30]\npolicies: [guesser]\nsweep: {values: [1]}\n",
+            "sweep.key = '': must name what is varied, unless every scenario has a `swept` key",
+        ),
+        (
+            "title: x\nscenarios: [{scenario: rate-60x60x30, swept: team.n_uavs}]\npolicies: [guesser]\n"
+            "sweep: {values: [1]}\n",
+            "sweep.label = '': must say what is varied",
+        ),
         ("[1, 2]", "mapping"),
         ("title: [", "is not YAML"),
     ],
@@ -212,6 +225,42 @@ def test_figures_are_written_whole(results: list[Result], tmp_path: Path) -> Non
         save(figure, tmp_path / f"{name}.png")
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     assert len(list(tmp_path.iterdir())) == 5
+
+
+KEYS = """
+title: what fails
+seeds: {count: 3}
+scenarios:
+  - {scenario: rate-60x60x30, overrides: {uav_faults.lost_uav.time: 20}, swept: uav_faults.lost_uav.number, label: UAVs}
+  - {scenario: rate-60x60x30, swept: uav_faults.lost_radio.number, label: radios}
+policies: [guesser]
+sweep: {values: [0, 3], label: that fail}
+"""
+
+
+def test_each_scenario_may_sweep_a_key_of_its_own() -> None:
+    cases = load_text(KEYS).cases()
+    assert [(case.scenario, case.value) for case in cases] == [("UAVs", 0), ("radios", 0), ("UAVs", 3), ("radios", 3)]
+    faults = [case.cell.scenario.uav_faults.model_dump(exclude_none=True) for case in cases]
+    assert faults[2:] == [{"lost_uav": {"number": 3, "time": 20.0}}, {"lost_radio": {"number": 3}}]
+    keys = [case.cell.key for case in cases]
+    assert keys[0] == keys[1]  # nothing fails: flown once
+    assert len(set(keys)) == 3
+
+
+def test_a_sweep_over_several_scenarios_is_a_column_each() -> None:
+    benchmark = load_text(KEYS)
+    figure = curves(grouped(run_benchmark(benchmark, n_jobs=1)), "t", benchmark.sweep)
+    axes = figure.get_axes()
+    assert [axis.get_title() for axis in axes] == ["UAVs", "radios", "", ""]
+    for axis in axes:
+        assert [len(line.get_xdata()) for line in axis.get_lines() if line.get_label() == "guesser"] in ([], [2])
+        assert [tick.get_text() for tick in axis.get_xticklabels()] == ["0", "3"]
+    assert axes[0].get_ylabel() == "success rate, %"
+    assert axes[2].get_xlabel() == "that fail"
+    for axis in axes[2:]:
+        lines = axis.get_lines()
+        assert axis.get_ylim()[1] > max(max(line.get_ydata()) for line in lines if len(line.get_ydata()))
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".parquet"])
