@@ -22,13 +22,14 @@ class Reproduce:
     """Run a paper's experiments again: table, figure and notes "ours / paper"."""
 
     paper: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="PAPER")]
-    """muc-osl, chemotaxis or gaslam"""
+    """muc-osl, chemotaxis, gaslam or swarm"""
     experiment: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="EXPERIMENT")] = "all"
     """muc-osl: area, uavs, radius, particles, energy, example, gaden (these four in a filament plume: gaden-area, ..);
     chemotaxis: table1, table2, table3, tables (all three), parameters, trajectories; gaslam: table2, real (with meander
-    and lag), maps, ablation; or all"""
+    and lag), maps, ablation; swarm: small, large, forces, snapshots; or all"""
     episodes: OptionalCount = None
-    """at most so many a setting; by default as configured: muc-osl 200, gaslam 10, as in the papers; chemotaxis 20"""
+    """at most so many a setting; by default as configured: muc-osl 200, gaslam 10, as in the papers; chemotaxis 20,
+    swarm 30"""
     seed: OptionalCount = None
     """of the first episode; by default as configured"""
     quick: bool = False

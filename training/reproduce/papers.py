@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from training.reproduce import chemotaxis, gaslam, muc_osl
+from training.reproduce import chemotaxis, gaslam, muc_osl, swarm
 from training.reproduce.report import Reproducible
 
 
@@ -32,4 +32,5 @@ PAPERS = {
     "muc-osl": Paper(muc_osl.EXPERIMENTS, muc_osl.GROUPS),
     "chemotaxis": Paper(chemotaxis.EXPERIMENTS),
     "gaslam": Paper(gaslam.EXPERIMENTS),
+    "swarm": Paper(swarm.EXPERIMENTS),
 }
