@@ -26,6 +26,7 @@ reproduce: $(VENV)/run.stamp
 	$(BIN)/osl reproduce muc-osl all --episodes $(EPISODES)
 	$(BIN)/osl reproduce chemotaxis all
 	$(BIN)/osl reproduce gaslam all
+	$(BIN)/osl reproduce swarm all
 
 bench: $(VENV)/test.stamp
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-only --benchmark-columns=min,median,ops

@@ -21,6 +21,7 @@ from osl_env.state import BoolArray
 
 FREE, SOLID, OUTLET = 0, SOLID_CELL, 2  # contents of a cell of the occupancy grid (GADEN's numbers)
 _LONGER = 1.0 + 1e-9  # how much longer than a ray what is near it is looked for: more than rounding
+_BESIDE = 1e-6  # m by which a box is surely beside a segment, for all rounding
 _BACK = 1e-9  # m along its path that a UAV stops before a surface, at least
 
 
@@ -79,6 +80,25 @@ def is_outlet(geometry: Any, x: float, y: float, z: float) -> bool:
     return geometry.cells.size > 0 and _content(geometry, x, y, z) == OUTLET
 
 
+@njit(inline="always", error_model="numpy")
+def _first_box(
+    boxes: Any, margin: float, x0: float, y0: float, z0: float, x1: float, y1: float, z1: float
+) -> tuple[float, int]:
+    """The first of `boxes`, grown by `margin`, on a segment, as `box_entry` says it; those beside it cost little."""
+    best, face, beside = NONE, -1, margin + _BESIDE
+    west, south, low = min(x0, x1) - beside, min(y0, y1) - beside, min(z0, z1) - beside
+    east, north, high = max(x0, x1) + beside, max(y0, y1) + beside, max(z0, z1) + beside
+    for n in range(boxes.shape[0]):
+        b = boxes[n]
+        if b[0] > east or b[3] < west or b[1] > north or b[4] < south or b[2] > high or b[5] < low:
+            continue
+        t, side = box_entry(b[0] - margin, b[1] - margin, b[2] - margin, b[3] + margin, b[4] + margin, b[5] + margin,
+                            x0, y0, z0, x1 - x0, y1 - y0, z1 - z0)  # fmt: skip
+        if t < best:
+            best, face = t, side
+    return best, face
+
+
 @njit(error_model="numpy")
 def first_hit(
     geometry: Any, margin: float, x0: float, y0: float, z0: float, x1: float, y1: float, z1: float
@@ -89,14 +109,8 @@ def first_hit(
     surface there, outwards (zero where there is none).
     """
     dx, dy, dz = x1 - x0, y1 - y0, z1 - z0
-    boxes, cylinders = geometry.boxes, geometry.cylinders
-    best, face, met = NONE, -1, -1
-    for n in range(boxes.shape[0]):
-        b = boxes[n]
-        t, side = box_entry(b[0] - margin, b[1] - margin, b[2] - margin, b[3] + margin, b[4] + margin, b[5] + margin,
-                            x0, y0, z0, dx, dy, dz)  # fmt: skip
-        if t < best:
-            best, face = t, side
+    cylinders, met = geometry.cylinders, -1
+    best, face = _first_box(geometry.boxes, margin, x0, y0, z0, x1, y1, z1)
     for n in range(cylinders.shape[0]):
         c = cylinders[n]
         t, side = cylinder_entry(c[0], c[1], c[2] + margin, c[3] - margin, c[4] + margin, x0, y0, z0, dx, dy, dz)

@@ -82,10 +82,8 @@ class World:
         pairs = 0 if self.scenario.hears_all else n_uavs
         size = n_uavs * (600 + (FRAME.itemsize + 5) * pairs + queue * (FRAME.itemsize + pairs))  # bytes of a world
         if size > _MAX_STATE_BYTES:
-            raise InputError(
-                f"radio.latency = {radio.latency:g}: a world of {n_uavs} UAVs with so many frames on their way needs"
-                " over 16 GiB"
-            )
+            many = f"radio.latency = {radio.latency:g}: a world of {n_uavs} UAVs with so many frames on their way"
+            raise InputError(f"{many} needs over 16 GiB")
         if self.n_envs * size > _MAX_STATE_BYTES:
             raise InputError(f"n_envs = {self.n_envs}: this many worlds of {n_uavs} UAVs need over 16 GiB")
 

@@ -9,6 +9,7 @@ from workloads_gaslam import WORKLOADS_GASLAM
 from workloads_puff import WORKLOADS_PUFF
 from workloads_quadrotor import WORKLOADS_QUADROTOR
 from workloads_source_term import WORKLOADS_SOURCE_TERM
+from workloads_swarm import WORKLOADS_SWARM
 from workloads_world import WORKLOADS_WORLD
 
 ALL_WORKLOADS = (
@@ -20,4 +21,5 @@ ALL_WORKLOADS = (
     | WORKLOADS_QUADROTOR
     | WORKLOADS_GASLAM
     | WORKLOADS_SOURCE_TERM
+    | WORKLOADS_SWARM
 )

@@ -85,7 +85,8 @@ def test_a_vector_env_begins_its_worlds_anew_as_single_ones(name: str) -> None:
 
 @pytest.mark.parametrize("name", [*PRESETS, "random"])
 def test_range_sensors_and_readings_are_in_both_forms_of_an_observation(name: str) -> None:
-    scenario = short("arena-4x6-10-random" if name == "random" else name, range_sensors=EACH_SEES)
+    walls = {"arena.bounds": "hold"}  # else there may be nothing to see
+    scenario = short("arena-4x6-10-random" if name == "random" else name, range_sensors=EACH_SEES, **walls)
     world, rng = begun(scenario, [1, 2]), np.random.default_rng(0)
     layout, n = world.layout, scenario.range_sensors.count
     seen = np.empty_like(world.ranges)

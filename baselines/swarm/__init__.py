@@ -1,0 +1,1 @@
+"""Swarm plume tracking and plume finding (Marjovi and Marques)."""
