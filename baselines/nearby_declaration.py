@@ -18,7 +18,8 @@ from baselines.policy import Briefing
 from osl_env.observation import Observation
 from osl_env.parameters import FloatArray, Parameters, quantity
 
-_MEMORY = 64  # samples
+_MEMORY = 64  # rows of samples
+_ROWS = 32  # in `declare_time`, at most: shorter samples, of a sensor at 10 Hz, are added up
 _OF_SUCCESS = 0.6  # of the success radius: farther away a declaration of the own place would be too bold
 
 
@@ -32,13 +33,26 @@ class NearbyParameters(Parameters):
 class NearbyRule:
     """The rule for one UAV and episode."""
 
-    __slots__ = ("_least", "_next", "_plume", "_radius", "_samples", "_speed", "_time", "_told", "declared", "suspects")
+    __slots__ = (
+        "_least",
+        "_next",
+        "_plume",
+        "_radius",
+        "_row_time",
+        "_samples",
+        "_speed",
+        "_time",
+        "_told",
+        "declared",
+        "suspects",
+    )
 
     def __init__(self, parameters: NearbyParameters, briefing: Briefing) -> None:
         self._plume = AdvertisedPlume(briefing) if briefing.gas_sensor.reports == "hits" else None
         self._told, self._speed = briefing.plume, 0.0  # m/s
         self._radius = min(parameters.declare_radius, _OF_SUCCESS * briefing.success_radius)
         self._time, self._least = parameters.declare_time, briefing.threshold
+        self._row_time = self._time / _ROWS  # s
         self._samples = np.zeros((_MEMORY, 5))  # x, y, z (m), hits or concentration times s, sampling time (s)
         self._next = 0
         self.suspects = False  # the rate near here is that of a source, but not for long enough yet
@@ -62,8 +76,13 @@ class NearbyRule:
             return
         row = self._samples[self._next % _MEMORY]
         weight = 1.0 if self._plume is not None else observation.sampling_time
-        row[:3], row[3], row[4] = observation.position, observation.reading * weight, observation.sampling_time
-        self._next += 1
+        if row[4] >= self._row_time:
+            self._next += 1
+            row = self._samples[self._next % _MEMORY]
+            row[3:] = 0.0
+        row[:3] = observation.position
+        row[3] += observation.reading * weight
+        row[4] += observation.sampling_time
         near = np.linalg.norm(self._samples[:, :3] - observation.position, axis=1) <= self._radius
         hits, duration = self._samples[near, 3].sum(), self._samples[near, 4].sum()
         here = observation.reading > self._least or bool(self.suspects)

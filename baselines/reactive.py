@@ -7,8 +7,7 @@ A path is a list of places. Those outside the area are left out, and those that 
 passed over until one can, so that a spiral or a sweep around a box goes on behind it. A place that is not reached in
 three times the time that it should take (and a little) is passed over as well.
 
-The verdict is that of `baselines.nearby_declaration`. It remembers a fixed number of samples, too few to fill
-`declare_time` at ten samples a second: samples are first gathered to blocks.
+The verdict is that of `baselines.nearby_declaration`.
 
 Searchers that surge also judge by the heads of the plume, the places of the last detections of their surges: beyond the
 source a surge finds nothing, and what follows leads back to where it was last smelt, time and again. After Hayes,
@@ -21,7 +20,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -36,7 +34,6 @@ _CALM = 1e-3  # m/s: no wind
 _MARGIN = 0.02  # of the area's scale: places of a path keep this far from the walls
 _NEAR = 0.01  # of the area's scale: a place of a path counts as reached
 _TRAIL = 0.02  # of the area's scale: the way flown is taken over this length
-_BLOCKS = 16  # in `declare_time`
 _PATIENCE = 3.0  # times the time that a place should take to reach
 _GRACE = 2.0  # s, beyond it: to turn round and to speed up
 _BRAKING = 0.25  # s of flight at full speed that a place must be away from the walls, unless legs are flown
@@ -174,24 +171,15 @@ class Path:
 class Verdict:
     """The judgement of one UAV on its own place, where a source has to be declared; else none."""
 
-    __slots__ = ("_amount", "_block", "_counts", "_duration", "_rule")
+    __slots__ = ("_rule",)
 
     def __init__(self, parameters: NearbyParameters, briefing: Briefing) -> None:
         self._rule = NearbyRule(parameters, briefing) if briefing.declares else None
-        self._counts = briefing.gas_sensor.reports == "hits"
-        self._block = parameters.declare_time / _BLOCKS  # s
-        self._amount, self._duration = 0.0, 0.0  # of the block: hits, or concentration times s; s
 
     def take(self, observation: Observation) -> None:
         """Take note of the last sample."""
-        if self._rule is None or observation.sampling_time <= 0.0:
-            return
-        self._amount += observation.reading * (1.0 if self._counts else observation.sampling_time)
-        self._duration += observation.sampling_time
-        if self._duration >= self._block:
-            reading = self._amount if self._counts else self._amount / self._duration
-            self._rule.take(replace(observation, reading=reading, sampling_time=self._duration))
-            self._amount, self._duration = 0.0, 0.0
+        if self._rule is not None:
+            self._rule.take(observation)
 
     @property
     def suspects(self) -> bool:

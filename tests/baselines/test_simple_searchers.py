@@ -126,6 +126,20 @@ def test_the_nearby_rule_waits_until_it_is_sure() -> None:
         assert quiet.declared is None
 
 
+@pytest.mark.parametrize("period", [0.05, 0.1, 1.0])
+def test_the_nearby_rule_declares_as_soon_at_any_rate_of_samples(period: float) -> None:
+    """A steady smell is declared once `declare_time` of it has been sampled, to within a row and a sample."""
+    briefing, world = begun(small())
+    rule = NearbyRule(NearbyParameters(), briefing)
+    observation = world.observation(0, 0)
+    observation.sampling_time, taken = period, 0
+    observation.reading = 3.0 * period  # hits: three a second
+    while rule.declared is None and taken < 1000:
+        rule.take(observation)
+        taken += 1
+    assert taken * period == pytest.approx(8.0, abs=period)
+
+
 def test_the_random_walk_keeps_within_its_hop_length() -> None:
     track: list[np.ndarray] = []
     fly(make_policy("random-walk", hop_length=1), small(), [3], max_decisions=20,
