@@ -15,7 +15,7 @@ demo: $(VENV)/run.stamp
 	$(BIN)/osl bench demo
 
 test: $(VENV)/test.stamp lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 lint: $(VENV)/test.stamp
 	$(BIN)/ruff check
