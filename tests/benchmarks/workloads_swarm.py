@@ -1,4 +1,5 @@
-"""Workloads of large teams: a decision of all robots without their policies, and who hears whom against all pairs.
+"""Workloads of large teams: a decision of all robots without and with their policies, and who hears whom against all
+pairs.
 
 A decision is a step of the world, an observation for each robot, and the messages to each. Its target is 0.1 s of the
 mission, 20 times in the large arena and 200 times in the small one.
@@ -12,9 +13,11 @@ import numpy as np
 from numba import njit
 from workloads import ACTIONS, Call, Workload, in_turn
 
+from baselines import Briefing, Policy, make_policy
 from osl_env import World, load_scenario
 from osl_env.cells import MOST_RUNS, make_cells, runs_near, sort_into_cells
 from osl_env.parameters import FloatArray
+from training.flight import _decide_and_step, _turns
 
 PERIOD = 0.1  # s, of a decision
 RADIUS, DENSITY = 6.0, 0.05  # m; robots in each m^2: five or six in range of each
@@ -55,6 +58,22 @@ def swarm_decision(name: str, n_uavs: int, factor: float | None, **changes: Any)
         return in_turn(list(np.random.default_rng(0).uniform(-slow, slow, shape)), decide)
 
     return Workload(prepare, "s", 1, None if factor is None else PERIOD / factor)
+
+
+def swarm_flight(name: str, n_uavs: int, factor: float, **changes: Any) -> Workload:
+    """A decision of robots that fly `swarm`, as the runner flies them."""
+
+    def prepare() -> Call:
+        scenario = load_scenario(name, **_NO_END, **{"team.n_uavs": n_uavs}, **changes)
+        world = World(scenario)
+        world.reset([0])
+        team: list[list[Policy]] = [[make_policy("swarm") for _ in range(n_uavs)]]
+        for uav, pilot in enumerate(team[0]):
+            pilot.reset(Briefing.of(scenario, uav, 0, world.motion["position"][0, uav]))
+        bits = np.zeros((1, n_uavs))
+        return lambda: _decide_and_step(world, _turns(world, team), bits)
+
+    return Workload(prepare, "s", 1, PERIOD / factor)
 
 
 @njit(cache=True)
@@ -104,6 +123,9 @@ WORKLOADS_SWARM = {
     f"{SMALL}, 15 robots, spread": swarm_decision(SMALL, 15, 200.0),
     f"{SMALL}, 15 robots, together": swarm_decision(SMALL, 15, 200.0, **_TOGETHER[15]),
     f"{SMALL}, 30 robots, together": swarm_decision(SMALL, 30, None, **_TOGETHER[30]),
+    f"{LARGE}, 60 robots that fly swarm": swarm_flight(LARGE, 60, 20.0, **_MANY),
+    f"{LARGE}, 60 robots that fly swarm, together": swarm_flight(LARGE, 60, 20.0, **_MANY, **_TOGETHER[60]),
+    f"{SMALL}, 15 robots that fly swarm": swarm_flight(SMALL, 15, 200.0),
     **{f"in range: a robot of {n}, cells": who_is_in_range(n, _count_in_cells) for n in (60, 256, 1024)},
     **{f"in range: a robot of {n}, all pairs": who_is_in_range(n, _count_in_pairs) for n in (60, 256, 1024)},
 }
