@@ -252,6 +252,16 @@ def test_at_least_twice_as_long(template: EpisodeRecord, time: float, verdict: s
     assert claims.SlowerThanFull("without cohesion", "twice", 2.0).check(pool).verdict == verdict
 
 
+@pytest.mark.parametrize(("failed", "says"), [(15, "7.00"), (0, "1.00")])
+def test_time_for_each_success_is_not_bounded_by_the_limit(template: EpisodeRecord, failed: int, says: str) -> None:
+    """Half of the runs fail at 600 s, the others take 100 s: 350 s a run, 700 s a success, seven times 100 s."""
+    other = flown(template, [[100.0] * (30 - failed) + [LIMIT] * failed], "without cohesion")
+    pool = Pool([flown(template, [[100.0] * 30]), other])
+    finding = claims.SlowerForEachSuccess("without cohesion", "twice", 2.0).check(pool)
+    assert says in finding.ours
+    assert finding.verdict == ("holds" if failed else "contradicted")
+
+
 @pytest.mark.parametrize(("failed", "verdict"), [(10, "holds"), (0, "open")])
 def test_loses_runs(template: EpisodeRecord, failed: int, verdict: str) -> None:
     upwind = flown(template, [[LIMIT] * failed + [60.0] * (30 - failed)], "upwind alone")

@@ -129,6 +129,28 @@ class SlowerThanFull:
 
 
 @dataclass(frozen=True)
+class SlowerForEachSuccess:
+    """`policy` flies at least `factor` times as long for each success as the full law, pooled over the teams.
+
+    A ratio of capped means cannot exceed limit by mean; this one can. It is that of the unlimited search times if a
+    search that has not succeeded yet begins as if anew.
+    """
+
+    policy: str
+    text: str
+    factor: float = 1.0
+
+    def check(self, pool: Pool) -> Finding:
+        """Ratio of time flown by successes."""
+        settings = pool.where(self.policy)
+        full = beside(pool, settings)
+        parts, whole = ((pool.mean(some), pool.mean(some, SUCCESS)) for some in (settings, full))
+        times = ratio_of_ratios(parts, whole)
+        ours = f"time flown for each success, {self.policy} by {FULL}: {with_interval(times, 1.0, 2)}"
+        return Finding(f"(ours, added after the fact) {self.text}", side(times, self.factor), ours)
+
+
+@dataclass(frozen=True)
 class FasterWhenItSucceeds:
     """The runs of `policy` that succeed take less time than the full law's in the same worlds."""
 

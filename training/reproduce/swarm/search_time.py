@@ -13,6 +13,7 @@ from training.reproduce.swarm.claims import (
     FasterWhenItSucceeds,
     GainsMost,
     LosesRuns,
+    SlowerForEachSuccess,
     SlowerThanFull,
 )
 from training.reproduce.swarm.experiment import SwarmExperiment, Table
@@ -81,6 +82,7 @@ LARGE = SwarmExperiment(
         BiggerIsFaster(40, 60),
         AlwaysSucceeds(),
         SlowerThanFull("without cohesion", "Without cohesion the search takes at least twice as long", 2.0),
+        SlowerForEachSuccess("without cohesion", "Cohesion at least halves the time flown for each success", 2.0),
         SlowerThanFull("upwind alone", "Flying upwind alone takes longer"),
     ),
     shown=(Table("the law whole and in parts", _is_any),),
