@@ -30,7 +30,7 @@ def refusal(scenario: Any, **overrides: Any) -> str:
         World(load_scenario(scenario, **overrides))
     message = str(caught.value)
     assert "\n" not in message
-    assert len(message) < 600
+    assert len(message) < 800  # a line for each of the presets would be more
     return message
 
 
