@@ -26,6 +26,7 @@ _DECADES_SHOWN = 3.0  # of a concentration, below its largest value in the horiz
 _SLICE_POINTS = 60  # along the longer side
 _SOURCE_COLOUR = "#d62728"
 _MAX_NAMED = 8  # UAVs with lines of their own in the legend: more would cover the scene
+_MARKERS = 40  # of detections along the longest side
 _MAX_BLOCKS = 400  # of solid cells that are drawn: each takes about a millisecond
 _TICKS = 8  # intervals along the longest side, of which at most 6 are shown: a flat box has room for one upwards
 
@@ -150,6 +151,8 @@ class TrackRecorder:
             axes.plot(*track.T, color=colour, linewidth=1.0, alpha=0.8, label=label, zorder=4)
             axes.scatter(*track[-1], color=colour, marker="o", s=40, edgecolors="black", zorder=6)
             detected = reading > threshold
+            if self.world.scenario.in_periods:  # samples all the way: markers would cover the track
+                detected = _spaced(track, detected, max(self.world.scenario.arena.size) / _MARKERS)
             if detected.any():
                 strength = np.minimum(reading[detected] / (2 * sensor.scale), 1.0)
                 axes.scatter(
@@ -157,6 +160,15 @@ class TrackRecorder:
                     edgecolors="black", linewidths=0.4, zorder=5, label=detection_label,
                 )  # fmt: skip
                 detection_label = None
+
+
+def _spaced(track: FloatArray, chosen: NDArray[np.bool_], spacing: float) -> NDArray[np.bool_]:
+    """Of the `chosen` (n,) places of `track` (n, 3), m, those that are `spacing` m from the one kept before."""
+    kept, last = np.zeros_like(chosen), None
+    for k in np.flatnonzero(chosen):
+        if last is None or np.linalg.norm(track[k] - track[last]) >= spacing:
+            kept[k], last = True, k
+    return kept
 
 
 def _blocks(solid: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:

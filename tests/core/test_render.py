@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from osl_env import World, load_scenario
-from osl_env.envs.render import TrackRecorder, _blocks
+from osl_env.envs.render import TrackRecorder, _blocks, _spaced
 
 
 def recorded(name: str, readings: list[float], **changes: Any) -> TrackRecorder:
@@ -63,3 +63,15 @@ def test_solid_cells_are_drawn() -> None:
         for field in (None, "arena-4x6-5")
     )
     assert len(walled.axes[0].collections) == len(plain.axes[0].collections) + 5
+
+
+def test_markers_of_detections_keep_a_distance_along_the_track() -> None:
+    rng = np.random.default_rng(0)
+    track, chosen = np.cumsum(rng.normal(scale=0.1, size=(500, 3)), axis=0), rng.random(500) < 0.7
+    kept = np.flatnonzero(_spaced(track, chosen, 0.5))
+    assert kept[0] == np.flatnonzero(chosen)[0]
+    assert np.all(chosen[kept])
+    assert np.linalg.norm(np.diff(track[kept], axis=0), axis=1).min() >= 0.5
+    for k in np.flatnonzero(chosen):  # nothing is left out that is that far from the one kept before
+        before = kept[kept <= k][-1]
+        assert k == before or np.linalg.norm(track[k] - track[before]) < 0.5
