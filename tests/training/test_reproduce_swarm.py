@@ -29,7 +29,7 @@ from training.reproduce.swarm.film import film
 from training.reproduce.swarm.film_pictures import pages, snapshots
 from training.reproduce.swarm.forces import EXPERIMENT as FORCES
 from training.reproduce.swarm.runs import Flown, Setting, fly_settings, planned_cases
-from training.reproduce.swarm.search_time import LARGE, SMALL
+from training.reproduce.swarm.search_time import CONCENTRATION, LARGE, SMALL
 from training.statistics import stratified_mean
 from training.sweep import Cell
 
@@ -119,7 +119,15 @@ def test_ablations_differ_from_the_full_law_in_what_they_are_called_after(
         "without cohesion": without_cohesion,
     }
     labels = {claim.policy for one in (SMALL, LARGE) for claim in one.claims if hasattr(claim, "policy")}
-    assert labels == set(changed) - {FULL}
+    assert labels | {FULL} == set(changed)
+
+
+@pytest.mark.parametrize("experiment", [SMALL, LARGE, CONCENTRATION], ids=lambda one: one.name)
+def test_claims_are_about_policies_that_are_flown(experiment: SwarmExperiment) -> None:
+    flown = {setting.policy for setting in planned_cases(experiment.benchmarks, 1, 7)}
+    named = {getattr(claim, key) for claim in experiment.claims for key in ("policy", "than") if hasattr(claim, key)}
+    assert named <= flown
+    assert FULL in flown
 
 
 @pytest.mark.parametrize(("episodes", "counts"), [(7, [3, 2, 2]), (3, [1, 1, 1]), (2, [1, 1])])

@@ -85,14 +85,17 @@ class CopesWithObstacles:
 
 @dataclass(frozen=True)
 class AlwaysSucceeds:
-    """Every run of the full law finds the source."""
+    """Every run of the full law finds the source, as it stands or in the reading `policy`."""
+
+    policy: str = FULL
+    text: str = "The full law always succeeds"
 
     def check(self, pool: Pool) -> Finding:
         """One failure contradicts."""
-        settings = pool.where(FULL)
+        settings = pool.where(self.policy)
         runs = [record for setting in settings for record in pool.flown[setting].records]
         verdict: Verdict = "holds" if all(record.success for record in runs) else "contradicted"
-        return Finding("(ours) The full law always succeeds", verdict, _successes(pool, settings))
+        return Finding(f"(ours) {self.text}", verdict, _successes(pool, settings))
 
 
 @dataclass(frozen=True)
@@ -114,17 +117,18 @@ class Fails:
 
 @dataclass(frozen=True)
 class SlowerThanFull:
-    """`policy` takes at least `factor` times as long as the full law, pooled over the teams."""
+    """`policy` takes at least `factor` times as long as the full law, or as `than`, pooled over the teams."""
 
     policy: str
     text: str
     factor: float = 1.0
+    than: str = FULL
 
     def check(self, pool: Pool) -> Finding:
         """Ratio of the mean times."""
         settings = pool.where(self.policy)
-        times = ratio(pool.mean(settings), pool.mean(beside(pool, settings)))
-        ours = f"mean time, {self.policy} by {FULL}: {with_interval(times, 1.0, 2)}"
+        times = ratio(pool.mean(settings), pool.mean(beside(pool, settings, self.than)))
+        ours = f"mean time, {self.policy} by {self.than}: {with_interval(times, 1.0, 2)}"
         return Finding(f"(ours) {self.text}", side(times, self.factor), ours)
 
 
@@ -181,9 +185,9 @@ class LosesRuns:
         return Finding(f"(ours) {self.text}", side(more, 0.0), f"{ours}{with_interval(more, 100, 0)} points")
 
 
-def beside(pool: Pool, settings: Sequence[Setting]) -> list[Setting]:
-    """The full law's settings where `settings` were flown."""
-    return [setting._replace(policy=FULL) for setting in settings if setting._replace(policy=FULL) in pool.flown]
+def beside(pool: Pool, settings: Sequence[Setting], policy: str = FULL) -> list[Setting]:
+    """The full law's settings, or those of `policy`, where `settings` were flown."""
+    return [setting._replace(policy=policy) for setting in settings if setting._replace(policy=policy) in pool.flown]
 
 
 def side(ours: Estimate, limit: float, less: bool = False) -> Verdict:

@@ -90,4 +90,26 @@ LARGE = SwarmExperiment(
     panel_of=lambda one: "30 x 40 m, 0.05 g/s",
     line_of=lambda one: one.policy,
 )
-EXPERIMENTS = (SMALL, LARGE)
+_TWICE = "Without cohesion the search takes at least twice as long"
+CONCENTRATION = SwarmExperiment(
+    name="concentration",
+    title="Swarm, the level of the concentration in 30 x 40 m",
+    summary=(
+        "20 robots that read all of it, a fourth, or a sixteenth; the law whole and without cohesion. Not in the paper;"
+        " that a fourth does well was seen on seeds 20 to 31 before."
+    ),
+    benchmarks=("swarm_concentration",),
+    claims=(
+        AlwaysSucceeds(),
+        SlowerThanFull("without cohesion", _TWICE, 2.0),
+        AlwaysSucceeds("C / 4", "Reading a fourth, the full law always succeeds"),
+        SlowerThanFull("C / 4, without cohesion", f"Reading a fourth: {_TWICE.lower()}", 2.0, "C / 4"),
+        AlwaysSucceeds("C / 16", "Reading a sixteenth, the full law always succeeds"),
+        SlowerThanFull("C / 16, without cohesion", f"Reading a sixteenth: {_TWICE.lower()}", 2.0, "C / 16"),
+    ),
+    shown=(Table("the law whole and without cohesion", _is_any),),
+    drawn=_is_any,
+    panel_of=lambda one: "30 x 40 m, 0.05 g/s, 20 robots",
+    line_of=lambda one: one.policy,
+)
+EXPERIMENTS = (SMALL, LARGE, CONCENTRATION)
