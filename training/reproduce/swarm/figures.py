@@ -13,6 +13,7 @@ from training.figures import MARKERS, PALETTE
 from training.reproduce.swarm.averages import Pool
 from training.reproduce.swarm.runs import Setting
 
+_COLUMNS = 3  # of the legend, below each panel
 _OFFSET = 0.02  # of the axis' width, between the lines: their intervals do not hide each other
 
 
@@ -37,7 +38,8 @@ def time_over_team(
     axes[0].set_ylabel("search time, s")
     axes[0].set_ylim(bottom=0.0)
     handles, names = axes[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=len(names), fontsize=9, frameon=False)
+    columns = min(len(names), _COLUMNS * len(panels))
+    figure.legend(handles, names, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
     figure.suptitle(title, fontsize=11)
     return figure
 
