@@ -397,4 +397,4 @@ def test_a_film_has_its_first_and_last_moment_and_its_pages(small: dict[Setting,
 
 
 def test_experiments_have_the_names_of_the_command_line() -> None:
-    assert list(EXPERIMENTS) == ["small", "large", "forces", "snapshots"]
+    assert list(EXPERIMENTS) == ["small", "large", "concentration", "forces", "snapshots"]
